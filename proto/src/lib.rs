@@ -1,0 +1,13 @@
+//! Transmural's shared vocabulary: geometry, time, identifiers, the radar, messages, keys and the bus.
+//!
+//! Everything that two processes must agree on lives here and nowhere else.
+
+pub mod bus;
+pub mod config;
+pub mod geom;
+pub mod ids;
+pub mod keys;
+pub mod measured;
+pub mod radar;
+pub mod time;
+pub mod wire;
