@@ -1,0 +1,25 @@
+//! The messages, by direction, and the one strict codec that turns them into bytes and back.
+//!
+//! A message is a fixed header of 48 bytes, written by hand so that a version mismatch can be
+//! named even where the payload cannot be read, and a payload in bincode 2 with fixed-width
+//! little-endian integers. Golden bytes in the tests keep the layout from drifting.
+
+mod check;
+mod codec;
+mod command;
+mod header;
+mod to_agent;
+mod to_centre;
+
+pub use check::Invalid;
+pub use codec::{Message, Received, Stamp, decode, encode};
+pub use command::Command;
+pub use header::{HEADER_BYTES, Kind, Refusal};
+pub use to_agent::{
+    ClockAnswer, Evidence, FusedTarget, NodeInPicture, NodeState, Outcome, Picture, PoseRecord,
+    Registration, Rival, SetsUsed, Transform,
+};
+pub use to_centre::{ClockProbe, Counters, LatencyReport, NodeStatus, PointSet, SourceState};
+
+#[cfg(test)]
+mod tests;

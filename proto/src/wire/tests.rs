@@ -1,0 +1,232 @@
+//! Golden bytes, every refusal, and hostile input.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::ids::{BootId, NodeId};
+use crate::measured::MeasuredPoint;
+use crate::time::{CentreTime, ClockEstimate, NodeTime};
+
+const STAMP: Stamp = Stamp { boot: BootId(0x0102_0304_0506_0708), sequence: 9, sent_ns: 10 };
+
+fn node() -> NodeId {
+    "n1".parse().unwrap()
+}
+
+fn point() -> MeasuredPoint {
+    MeasuredPoint {
+        x_m: 1.0,
+        y_m: 2.0,
+        cov_m2: [0.25, 0.0, 0.5],
+        snr_db: 12.0,
+        extent_m2: [0.0, 0.0, 0.0],
+        radial_velocity_m_per_s: Some(-1.0),
+    }
+}
+
+fn point_set() -> PointSet {
+    PointSet {
+        node: node(),
+        period: 3,
+        time: NodeTime(4),
+        clock: Some(ClockEstimate { centre_boot: BootId(5), offset_ns: -6, error_ns: 7 }),
+        half_depth_m: 0.5,
+        half_depth_sigma_m: 0.25,
+        points: vec![point()],
+        counters: Counters { point_count: 1, ..Counters::default() },
+    }
+}
+
+fn transform() -> Transform {
+    let pose_ref_from_node = PoseRecord { x_m: -5.0, y_m: 5.0, heading_rad: -1.5 };
+    let covariance = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.001]];
+    Transform { epoch: 2, accepted: CentreTime(3), pose_ref_from_node, covariance }
+}
+
+fn registration() -> Registration {
+    Registration {
+        node: node(),
+        reference: "n0".parse().unwrap(),
+        published: CentreTime(1),
+        transform: Some(transform()),
+        outcome: Outcome::Determined,
+        evidence: Evidence::default(),
+        sets: None,
+        solver: "default".to_owned(),
+    }
+}
+
+fn picture() -> Picture {
+    let target = FusedTarget {
+        x_m: 1.0,
+        y_m: 2.0,
+        cov_m2: [0.1, 0.0, 0.1],
+        snr_db: 9.0,
+        nodes: vec![node()],
+    };
+    Picture { reference: node(), period: 1, time: CentreTime(2), nodes: vec![], targets: vec![target] }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The bytes of each kind as they were written when its schema was frozen. If one of these
+/// assertions fails, the layout has changed: count the message's `SCHEMA` up.
+#[test]
+fn the_layout_is_frozen() {
+    let probe = encode(STAMP, &ClockProbe { node: node(), asked: NodeTime(11) }).unwrap();
+    assert_eq!(hex(&probe), include_str!("golden/clock_probe.hex").trim());
+    assert_eq!(
+        hex(&encode(STAMP, &point_set()).unwrap()),
+        include_str!("golden/point_set.hex").trim()
+    );
+    assert_eq!(
+        hex(&encode(STAMP, &registration()).unwrap()),
+        include_str!("golden/registration.hex").trim()
+    );
+    assert_eq!(hex(&encode(STAMP, &picture()).unwrap()), include_str!("golden/picture.hex").trim());
+    let command = Command::Recalibrate { node: Some(node()) };
+    assert_eq!(
+        hex(&encode(STAMP, &command).unwrap()),
+        include_str!("golden/command.hex").trim()
+    );
+    let answer = ClockAnswer { node: node(), asked: NodeTime(1), answered: CentreTime(-2) };
+    assert_eq!(
+        hex(&encode(STAMP, &answer).unwrap()),
+        include_str!("golden/clock_answer.hex").trim()
+    );
+    assert_eq!(
+        hex(&encode(STAMP, &status()).unwrap()),
+        include_str!("golden/node_status.hex").trim()
+    );
+}
+
+fn status() -> NodeStatus {
+    NodeStatus {
+        node: node(),
+        time: NodeTime(1),
+        software: "0.1.0".to_owned(),
+        source: SourceState::Failed("why".to_owned()),
+        clock: None,
+        next_sequence: 2,
+        queue_length: 3,
+        transform_epoch: Some(4),
+        latency: Some(LatencyReport { count: 1, p50_ms: 1.0, p99_ms: 2.0, max_ms: 3.0 }),
+        counters: Counters::default(),
+    }
+}
+
+/// The header read by hand, with no code of the codec's.
+#[test]
+fn the_header_is_where_the_documentation_says() {
+    let bytes = encode(STAMP, &point_set()).unwrap();
+    assert_eq!(&bytes[0..4], b"TMUR");
+    assert_eq!(&bytes[4..10], &[1, 1, 1, 0, 1, 0]);
+    assert_eq!(&bytes[16..24], &[8, 7, 6, 5, 4, 3, 2, 1]);
+    assert_eq!((bytes[24], bytes[32]), (9, 10));
+    assert_eq!(usize::from(bytes[40]) + 256 * usize::from(bytes[41]), bytes.len() - 48);
+}
+
+#[test]
+fn every_kind_arrives_as_it_was_sent() {
+    let set = decode::<PointSet>(&encode(STAMP, &point_set()).unwrap()).unwrap();
+    assert_eq!((set.stamp, set.body), (STAMP, point_set()));
+    let got = decode::<Registration>(&encode(STAMP, &registration()).unwrap()).unwrap();
+    assert_eq!(got.body, registration());
+    let got = decode::<Picture>(&encode(STAMP, &picture()).unwrap()).unwrap();
+    assert_eq!(got.body, picture());
+    let got = decode::<NodeStatus>(&encode(STAMP, &status()).unwrap()).unwrap();
+    assert_eq!(got.body, status());
+}
+
+#[test]
+fn every_cut_and_one_extra_byte_are_refused() {
+    let bytes = encode(STAMP, &point_set()).unwrap();
+    for length in 0..bytes.len() {
+        assert!(decode::<PointSet>(&bytes[..length]).is_err(), "{length} bytes were taken");
+    }
+    let mut longer = bytes;
+    longer.push(0);
+    assert_eq!(decode::<PointSet>(&longer).unwrap_err().label(), "length");
+}
+
+#[test]
+fn every_flipped_bit_is_refused() {
+    let bytes = encode(STAMP, &point_set()).unwrap();
+    for bit in 0..8 * bytes.len() {
+        let mut damaged = bytes.clone();
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        assert!(decode::<PointSet>(&damaged).is_err(), "bit {bit} went unnoticed");
+    }
+}
+
+/// Bytes with the checksum made right again after `change`, as a hostile sender would.
+fn resealed(change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
+    let mut bytes = encode(STAMP, &point_set()).unwrap();
+    change(&mut bytes);
+    let length = u32::try_from(bytes.len() - HEADER_BYTES).unwrap();
+    bytes[40..44].copy_from_slice(&length.to_le_bytes());
+    let checksum = crc32c::crc32c_append(crc32c::crc32c(&bytes[..44]), &bytes[HEADER_BYTES..]);
+    bytes[44..48].copy_from_slice(&checksum.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn each_refusal_has_its_reason() {
+    let label = |bytes: &[u8]| decode::<PointSet>(bytes).unwrap_err().label();
+    assert_eq!(label(b"short"), "too_short");
+    assert_eq!(label(&[b'x'; 60]), "foreign");
+    assert_eq!(label(&resealed(|bytes| bytes[4] = 2)), "header_version");
+    assert_eq!(label(&resealed(|bytes| bytes[5] = 9)), "header_version");
+    assert_eq!(label(&resealed(|bytes| bytes[6] = 2)), "kind");
+    assert_eq!(label(&resealed(|bytes| bytes[8] = 7)), "schema");
+    assert_eq!(label(&resealed(|bytes| bytes[12] = 1)), "reserved");
+    assert_eq!(label(&resealed(|bytes| bytes.push(0))), "trailing");
+    assert_eq!(label(&resealed(|bytes| bytes.truncate(60))), "payload");
+    assert_eq!(label(&resealed(|bytes| bytes.resize(200_000, 0))), "oversized");
+    // The node's name has the length 2 in its first eight bytes.
+    assert_eq!(label(&resealed(|bytes| bytes[HEADER_BYTES + 7] = 0xff)), "payload");
+    let mut damaged = resealed(|_| {});
+    damaged[HEADER_BYTES] ^= 1;
+    assert_eq!(label(&damaged), "checksum");
+}
+
+#[test]
+fn senseless_fields_are_refused_on_both_sides() {
+    let with = |change: fn(&mut MeasuredPoint)| {
+        let mut set = point_set();
+        change(&mut set.points[0]);
+        encode(STAMP, &set).unwrap_err().to_string()
+    };
+    assert!(with(|point| point.x_m = f64::NAN).contains("points.x_m"));
+    assert!(with(|point| point.y_m = f64::INFINITY).contains("points.y_m"));
+    assert!(with(|point| point.cov_m2 = [1.0, 2.0, 1.0]).contains("points.cov_m2"));
+    assert!(with(|point| point.cov_m2 = [1.0, 0.0, 0.0]).contains("points.cov_m2"));
+    assert!(with(|point| point.extent_m2 = [-1.0, 0.0, 0.0]).contains("points.extent_m2"));
+    assert!(with(|point| point.radial_velocity_m_per_s = Some(f64::NAN)).contains("velocity"));
+    let crowd = PointSet { points: vec![point(); 2000], ..point_set() };
+    assert!(encode(STAMP, &crowd).unwrap_err().to_string().contains("points is 2000"));
+    let mut skewed = registration();
+    skewed.transform = Some(Transform { covariance: [[1.0, 0.5, 0.0]; 3], ..transform() });
+    assert_eq!(encode(STAMP, &skewed).unwrap_err().label(), "invalid");
+}
+
+#[test]
+fn the_largest_set_fits_its_limit() {
+    let full = PointSet { points: vec![point(); 1024], ..point_set() };
+    assert!(encode(STAMP, &full).is_ok());
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_payloads_never_panic(payload in proptest::collection::vec(any::<u8>(), 0..600)) {
+        let bytes = resealed(|bytes| {
+            bytes.truncate(HEADER_BYTES);
+            bytes.extend_from_slice(&payload);
+        });
+        if let Ok(got) = decode::<PointSet>(&bytes) {
+            prop_assert!(got.body.points.len() <= 1024);
+        }
+    }
+}

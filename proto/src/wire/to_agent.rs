@@ -1,0 +1,285 @@
+//! What the centre tells the agents and everybody who watches.
+
+use serde::{Deserialize, Serialize};
+
+use super::check::{at_most, coordinate, covariance, finite, not_negative, pose_covariance, require};
+use super::check::Invalid;
+use super::codec::Message;
+use super::header::Kind;
+use crate::geom::{Node, Ref, Se2};
+use crate::ids::{BootId, NodeId};
+use crate::time::{CentreTime, NodeTime};
+
+const MAX_NODE_COUNT: usize = 256;
+const MAX_TARGET_COUNT: usize = 1024;
+const MAX_RIVAL_COUNT: usize = 16;
+const MAX_TEXT_LENGTH: usize = 256;
+
+/// The answer to a [`super::ClockProbe`]; the centre's boot id is in the header.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ClockAnswer {
+    /// Who asked.
+    pub node: NodeId,
+    /// The asking clock, as asked.
+    pub asked: NodeTime,
+    /// The centre's clock when it took the question and sent the answer.
+    pub answered: CentreTime,
+}
+
+impl Message for ClockAnswer {
+    const KIND: Kind = Kind::ClockAnswer;
+    const SCHEMA: u16 = 1;
+    const MAX_BYTES: usize = 128;
+
+    fn check(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+}
+
+/// A pose of a node in `Ref`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PoseRecord {
+    /// Where the node's origin lies.
+    pub x_m: f64,
+    /// Where the node's origin lies.
+    pub y_m: f64,
+    /// How far its axes are turned, counter-clockwise.
+    pub heading_rad: f64,
+}
+
+impl From<Se2<Ref, Node>> for PoseRecord {
+    fn from(pose_ref_from_node: Se2<Ref, Node>) -> Self {
+        let translation_m = pose_ref_from_node.translation_m();
+        let heading_rad = pose_ref_from_node.heading_rad();
+        Self { x_m: translation_m.x, y_m: translation_m.y, heading_rad }
+    }
+}
+
+impl From<PoseRecord> for Se2<Ref, Node> {
+    fn from(pose: PoseRecord) -> Self {
+        Self::new(pose.x_m, pose.y_m, pose.heading_rad)
+    }
+}
+
+impl PoseRecord {
+    fn check(&self) -> Result<(), Invalid> {
+        coordinate("pose.x_m", self.x_m)?;
+        coordinate("pose.y_m", self.y_m)?;
+        let turned = self.heading_rad.is_finite() && self.heading_rad.abs() <= 4.0;
+        require(turned, "pose.heading_rad", self.heading_rad, "an angle in (−π, π] is expected")
+    }
+}
+
+/// A transform that the centre stands by.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Transform {
+    /// Counts the transforms accepted for this node, never reused in one life of the centre.
+    pub epoch: u64,
+    /// When it was accepted.
+    pub accepted: CentreTime,
+    /// Maps points of the node into `Ref`.
+    pub pose_ref_from_node: PoseRecord,
+    /// Covariance of `(x_m, y_m, heading_rad)` in `Ref`.
+    pub covariance: [[f64; 3]; 3],
+}
+
+/// Another pose that the data would allow.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Rival {
+    /// The other pose.
+    pub pose_ref_from_node: PoseRecord,
+    /// Log odds of this pose against "nothing in common".
+    pub log_odds: f64,
+}
+
+/// What the data say about a node's pose.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// This is the reference node: its pose defines `Ref`.
+    Reference,
+    /// One pose, and no other comes near it.
+    Determined,
+    /// Several poses explain the data.
+    Ambiguous {
+        /// The poses, best first.
+        rivals: Vec<Rival>,
+    },
+    /// Too little to go on.
+    Underdetermined {
+        /// What is missing, for people.
+        missing: String,
+    },
+}
+
+/// What a registration rests on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Evidence {
+    /// Points of the node that found a partner.
+    pub matched_point_count: u32,
+    /// Periods in which both nodes were heard.
+    pub period_count: u32,
+    /// Sum of squared normalised residuals of the matched points.
+    pub chi_square: f64,
+    /// Its degrees of freedom.
+    pub degrees_of_freedom: f64,
+    /// Log odds of the pose against "nothing in common".
+    pub log_odds: f64,
+    /// The same for the best separated rival, if there is one.
+    pub rival_log_odds: Option<f64>,
+    /// Time that the solver took.
+    pub solve_ms: f64,
+}
+
+/// Which sets went in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SetsUsed {
+    /// The node's life.
+    pub boot: BootId,
+    /// Sequence number of the first set.
+    pub first_sequence: u64,
+    /// Sequence number of the last set.
+    pub last_sequence: u64,
+    /// How many sets, of both sides together.
+    pub count: u32,
+    /// When the last of them arrived at the centre.
+    pub last_arrival: CentreTime,
+}
+
+/// How a node stands to the reference node.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Registration {
+    /// Which node.
+    pub node: NodeId,
+    /// The node whose frame is `Ref`.
+    pub reference: NodeId,
+    /// When this was published.
+    pub published: CentreTime,
+    /// The transform in force, if any was ever found: a bad result never replaces a good one.
+    pub transform: Option<Transform>,
+    /// What the newest solve says.
+    pub outcome: Outcome,
+    /// What it rests on.
+    pub evidence: Evidence,
+    /// Which sets went in; none before the first solve.
+    pub sets: Option<SetsUsed>,
+    /// Name of the solver.
+    pub solver: String,
+}
+
+impl Message for Registration {
+    const KIND: Kind = Kind::Registration;
+    const SCHEMA: u16 = 1;
+    const MAX_BYTES: usize = 8 << 10;
+
+    fn check(&self) -> Result<(), Invalid> {
+        at_most("solver", self.solver.len(), MAX_TEXT_LENGTH)?;
+        if let Some(transform) = &self.transform {
+            transform.pose_ref_from_node.check()?;
+            pose_covariance("transform.covariance", &transform.covariance)?;
+        }
+        finite("evidence.log_odds", self.evidence.log_odds)?;
+        not_negative("evidence.chi_square", self.evidence.chi_square)?;
+        not_negative("evidence.solve_ms", self.evidence.solve_ms)?;
+        match &self.outcome {
+            Outcome::Reference | Outcome::Determined => Ok(()),
+            Outcome::Ambiguous { rivals } => {
+                at_most("outcome.rivals", rivals.len(), MAX_RIVAL_COUNT)?;
+                rivals.iter().try_for_each(|rival| {
+                    finite("rival.log_odds", rival.log_odds)?;
+                    rival.pose_ref_from_node.check()
+                })
+            }
+            Outcome::Underdetermined { missing } => {
+                at_most("outcome.missing", missing.len(), MAX_TEXT_LENGTH)
+            }
+        }
+    }
+}
+
+/// How the centre sees a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum NodeState {
+    /// Heard lately and registered: its points are in the picture.
+    Live,
+    /// Heard lately, pose not known yet: its points are not in the picture.
+    Unregistered,
+    /// Heard lately, but its clock is not joined to the centre's yet.
+    ClockUnknown,
+    /// Not heard for longer than the limit.
+    Silent,
+}
+
+/// One node's line in the picture.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NodeInPicture {
+    /// Which node.
+    pub node: NodeId,
+    /// How the centre sees it.
+    pub state: NodeState,
+    /// Milliseconds since it was last heard.
+    pub silent_ms: u64,
+    /// Its current life.
+    pub boot: BootId,
+    /// Sequence number that its next set should have.
+    pub next_sequence: u64,
+    /// Sets taken in this life.
+    pub received_count: u64,
+    /// Sets that never came.
+    pub missing_count: u64,
+    /// Sets that came twice.
+    pub duplicate_count: u64,
+    /// Sets that came too late to be used.
+    pub late_count: u64,
+    /// Messages refused.
+    pub refused_count: u64,
+    /// Epoch of the transform used, if registered.
+    pub epoch: Option<u64>,
+}
+
+/// A target that one or more nodes see.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FusedTarget {
+    /// In `Ref`.
+    pub x_m: f64,
+    /// In `Ref`.
+    pub y_m: f64,
+    /// Covariance in `Ref`, `[xx, xy, yy]`.
+    pub cov_m2: [f64; 3],
+    /// The strongest contributing point.
+    pub snr_db: f64,
+    /// Who contributed.
+    pub nodes: Vec<NodeId>,
+}
+
+/// Everybody's targets of one period in one frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Picture {
+    /// The node whose frame is `Ref`.
+    pub reference: NodeId,
+    /// The centre's count of periods.
+    pub period: i64,
+    /// Middle of the period.
+    pub time: CentreTime,
+    /// Every node ever heard.
+    pub nodes: Vec<NodeInPicture>,
+    /// The targets.
+    pub targets: Vec<FusedTarget>,
+}
+
+impl Message for Picture {
+    const KIND: Kind = Kind::Picture;
+    const SCHEMA: u16 = 1;
+    const MAX_BYTES: usize = 512 << 10;
+
+    fn check(&self) -> Result<(), Invalid> {
+        at_most("nodes", self.nodes.len(), MAX_NODE_COUNT)?;
+        at_most("targets", self.targets.len(), MAX_TARGET_COUNT)?;
+        self.targets.iter().try_for_each(|target| {
+            coordinate("targets.x_m", target.x_m)?;
+            coordinate("targets.y_m", target.y_m)?;
+            covariance("targets.cov_m2", target.cov_m2)?;
+            finite("targets.snr_db", target.snr_db)?;
+            at_most("targets.nodes", target.nodes.len(), MAX_NODE_COUNT)
+        })
+    }
+}
