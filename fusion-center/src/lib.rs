@@ -1,1 +1,9 @@
-//! Skeleton.
+//! The fusion centre: point sets of many nodes in, their poses and one picture out.
+
+pub mod cli;
+pub mod config;
+pub mod fuse;
+pub mod gather;
+pub mod pipeline;
+pub mod registration;
+pub mod service;

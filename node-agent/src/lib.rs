@@ -1,1 +1,12 @@
-//! Skeleton.
+//! One radar node: sweeps in, measured points out.
+
+pub mod cli;
+pub mod config;
+pub mod detect;
+pub mod group;
+pub mod imaging;
+pub mod pipeline;
+pub mod plot;
+pub mod service;
+pub mod simulate;
+pub mod source;

@@ -63,6 +63,47 @@ pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
     })
 }
 
+/// Why a `KEY=VALUE` on the command line was not taken.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("setting {setting:?}: {detail}")]
+pub struct InvalidSetting {
+    /// As given.
+    setting: String,
+    /// What is wrong with it.
+    detail: String,
+}
+
+/// `config` with single keys changed: `chain.fft_length=4096`, `node=\"n2\"` or `node=n2`. A value
+/// that is not TOML is taken as text.
+///
+/// # Errors
+/// Names the first setting that is not of this form, names no key, or has a value of the wrong
+/// type.
+pub fn with_settings<T>(config: T, settings: &[String]) -> Result<T, InvalidSetting>
+where
+    T: Serialize + DeserializeOwned,
+{
+    settings.iter().try_fold(config, |config, setting| {
+        changed(&config, setting).map_err(|detail| InvalidSetting { setting: setting.clone(), detail })
+    })
+}
+
+fn changed<T: Serialize + DeserializeOwned>(config: &T, setting: &str) -> Result<T, String> {
+    let (path, text) = setting.split_once('=').ok_or("write KEY=VALUE")?;
+    let value = format!("value = {text}").parse::<toml::Table>();
+    let value = value.ok().and_then(|mut table| table.remove("value"));
+    let value = value.unwrap_or_else(|| toml::Value::String(text.to_owned()));
+    let mut root = toml::Table::try_from(config).map_err(|error| error.to_string())?;
+    let (parents, key) = path.rsplit_once('.').map_or((None, path), |(p, key)| (Some(p), key));
+    let mut table = &mut root;
+    for parent in parents.iter().flat_map(|parents| parents.split('.')) {
+        let inner = table.entry(parent).or_insert_with(|| toml::Table::new().into());
+        table = inner.as_table_mut().ok_or_else(|| format!("{parent} is not a table"))?;
+    }
+    table.insert(key.to_owned(), value);
+    root.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+}
+
 /// How a process takes part in the star: the router listens, everybody else dials.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -134,6 +175,22 @@ mod tests {
         let path = file("large.toml", &"#".repeat(1 << 20 | 1));
         let large = load::<BusConfig>(&path).unwrap_err().to_string();
         assert!(large.contains("1048577"), "{large}");
+    }
+
+    #[test]
+    fn single_keys_can_be_changed() {
+        let set = |settings: &[&str]| {
+            let settings: Vec<String> = settings.iter().map(|text| (*text).to_owned()).collect();
+            with_settings(BusConfig::default(), &settings)
+        };
+        let changed = set(&["history_count=7", "connect=[\"tcp/192.0.2.7:1\"]"]).unwrap();
+        assert_eq!((changed.history_count, changed.connect.len()), (7, 1));
+        for (bad, names) in [("history_count", "KEY=VALUE"), ("histry=1", "histry")] {
+            let error = set(&[bad]).unwrap_err().to_string();
+            assert!(error.contains(names) && error.contains(bad), "{error}");
+        }
+        assert!(set(&["history_count=many"]).unwrap_err().to_string().contains("many"));
+        assert!(set(&["history_count.x=1"]).unwrap_err().to_string().contains("not a table"));
     }
 
     #[test]

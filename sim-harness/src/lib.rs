@@ -1,1 +1,14 @@
-//! Skeleton.
+//! Launches a distributed scenario on localhost, every agent and the centre a process of its own,
+//! and scores what comes out.
+
+pub mod cli;
+mod draw;
+mod launch;
+mod observe;
+mod plan;
+mod progress;
+mod report;
+mod resources;
+mod run;
+pub mod scenario;
+mod score;

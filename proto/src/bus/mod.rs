@@ -84,13 +84,9 @@ pub enum BusError {
         /// What Zenoh said.
         detail: String,
     },
-    /// A configuration value that Zenoh does not take.
-    #[error("bus setting {key} = {value}: {detail}")]
-    Setting {
-        /// Zenoh's name of the setting.
-        key: String,
-        /// The value.
-        value: String,
+    /// An endpoint that Zenoh does not take.
+    #[error("settings of the bus: {detail}; check the endpoints")]
+    Settings {
         /// What Zenoh said.
         detail: String,
     },

@@ -178,37 +178,32 @@ fn action(action: &'static str, key: &str, error: &zenoh::Error) -> BusError {
 /// Zenoh's configuration: every key on which documentation and behaviour are known to differ, or
 /// whose default opens the process to the network, is set here.
 fn settings(config: &BusConfig) -> Result<Config, BusError> {
-    let router = !config.listen.is_empty();
-    let mode = if router { "\"router\"" } else { "\"client\"" };
-    let list = |endpoints: &[String]| format!("{endpoints:?}");
-    let mut zenoh = Config::default();
-    for (key, value) in [
-        ("mode", mode.to_owned()),
-        ("listen/endpoints", list(&config.listen)),
-        ("listen/exit_on_failure", "true".to_owned()),
-        ("connect/endpoints", list(&config.connect)),
-        ("connect/timeout_ms", "2000".to_owned()),
-        ("connect/exit_on_failure", (!router).to_string()),
-        ("connect/retry/period_init_ms", "200".to_owned()),
-        ("connect/retry/period_max_ms", "1000".to_owned()),
-        ("connect/retry/period_increase_factor", "2".to_owned()),
-        ("scouting/multicast/enabled", "false".to_owned()),
-        ("scouting/gossip/enabled", "false".to_owned()),
-        ("timestamping/enabled", "true".to_owned()),
-        ("adminspace/enabled", "false".to_owned()),
-        ("transport/unicast/open_timeout", "2000".to_owned()),
-        ("transport/unicast/accept_timeout", "2000".to_owned()),
-        ("transport/unicast/max_sessions", "256".to_owned()),
-        ("transport/link/protocols", "[\"tcp\"]".to_owned()),
-        ("transport/link/tx/lease", "2000".to_owned()),
-        ("transport/link/tx/keep_alive", "4".to_owned()),
-        ("transport/link/rx/max_message_size", "8388608".to_owned()),
-    ] {
-        zenoh.insert_json5(key, &value).map_err(|error| BusError::Setting {
-            key: key.to_owned(),
-            value: value.clone(),
-            detail: error.to_string(),
-        })?;
-    }
-    Ok(zenoh)
+    let is_router = !config.listen.is_empty();
+    let mode = if is_router { "router" } else { "client" };
+    let BusConfig { listen, connect, .. } = config;
+    // A client gives up after two seconds and its caller tries again; a router dials others, if
+    // any, in the background.
+    let must_connect = !is_router;
+    let text = format!(
+        r#"{{
+        mode: "{mode}",
+        listen: {{ endpoints: {listen:?}, exit_on_failure: true }},
+        connect: {{
+            endpoints: {connect:?}, timeout_ms: 2000, exit_on_failure: {must_connect},
+            retry: {{ period_init_ms: 200, period_max_ms: 1000, period_increase_factor: 2 }},
+        }},
+        scouting: {{ multicast: {{ enabled: false }}, gossip: {{ enabled: false }} }},
+        timestamping: {{ enabled: true }},
+        adminspace: {{ enabled: false }},
+        transport: {{
+            unicast: {{ open_timeout: 2000, accept_timeout: 2000, max_sessions: 256 }},
+            link: {{
+                protocols: ["tcp"],
+                tx: {{ lease: 2000, keep_alive: 4 }},
+                rx: {{ max_message_size: 8388608 }},
+            }},
+        }},
+    }}"#
+    );
+    Config::from_json5(&text).map_err(|error| BusError::Settings { detail: error.to_string() })
 }

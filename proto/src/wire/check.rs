@@ -69,13 +69,15 @@ fn second_moment(field: &'static str, [xx, xy, yy]: [f64; 3]) -> Result<(), Inva
     require(good, field, [xx, xy, yy], "a second moment in m² is expected")
 }
 
-/// A covariance of `(x_m, y_m, heading_rad)`: finite, symmetric, positive definite.
+/// A covariance of `(x_m, y_m, heading_rad)`: finite, symmetric, positive definite; or zero, for
+/// the reference node, whose pose is known exactly.
 pub(super) fn pose_covariance(field: &'static str, rows: &[[f64; 3]; 3]) -> Result<(), Invalid> {
     let matrix = Matrix3::from_fn(|row, column| rows[row][column]);
+    let is_zero = matrix.iter().all(|entry| entry.abs() <= 0.0);
     let good = matrix.iter().all(|entry| entry.is_finite())
         && (matrix - matrix.transpose()).norm() <= ASYMMETRY * matrix.norm()
-        && matrix.cholesky().is_some();
-    require(good, field, rows, "a symmetric positive definite matrix is expected")
+        && (is_zero || matrix.cholesky().is_some());
+    require(good, field, rows, "a symmetric positive definite matrix, or zero, is expected")
 }
 
 pub(super) fn point(point: &MeasuredPoint) -> Result<(), Invalid> {

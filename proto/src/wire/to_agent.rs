@@ -88,7 +88,7 @@ pub struct Transform {
 pub struct Rival {
     /// The other pose.
     pub pose_ref_from_node: PoseRecord,
-    /// Log odds of this pose against "nothing in common".
+    /// Natural logarithm of the best pose's odds against this one.
     pub log_odds: f64,
 }
 
@@ -122,9 +122,9 @@ pub struct Evidence {
     pub chi_square: f64,
     /// Its degrees of freedom.
     pub degrees_of_freedom: f64,
-    /// Log odds of the pose against "nothing in common".
+    /// Natural logarithm of the pose's odds against "nothing in common".
     pub log_odds: f64,
-    /// The same for the best separated rival, if there is one.
+    /// Natural logarithm of the pose's odds against the best separated rival, if there is one.
     pub rival_log_odds: Option<f64>,
     /// Time that the solver took.
     pub solve_ms: f64,

@@ -1,0 +1,136 @@
+//! The command line of the fusion centre.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Parser, Subcommand, ValueEnum};
+use proto::bus::{Bus, ZenohBus};
+use proto::config::{BusConfig, load};
+use proto::ids::{BootId, NodeId, SiteId};
+use proto::keys::{Keys, Topic};
+use proto::process;
+use proto::wire::{Command, Stamp, encode};
+
+use crate::config::CentreConfig;
+use crate::registration::SolverKind;
+use crate::service;
+
+/// Gathers the point sets of all nodes, works out where the nodes stand, and publishes the
+/// transforms and one fused picture.
+#[derive(Debug, Parser)]
+#[command(name = "fusion-center", version)]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Option<Action>,
+    /// Configuration file (TOML); every key has a default, see deploy/fusion.toml.
+    #[arg(long, env = "TRANSMURAL_FUSION_CONFIG", value_name = "FILE")]
+    config: Option<PathBuf>,
+    #[command(flatten)]
+    flags: Flags,
+}
+
+/// What can be set by flag; a flag wins over the configuration file.
+#[derive(Debug, clap::Args)]
+struct Flags {
+    /// Name of the installation.
+    #[arg(long, global = true)]
+    site: Option<SiteId>,
+    /// Node whose frame is the common frame.
+    #[arg(long)]
+    reference: Option<NodeId>,
+    /// Endpoint to listen on, such as tcp/0.0.0.0:7447; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    listen: Vec<String>,
+    /// Endpoint of a router to dial instead of listening; may be repeated.
+    #[arg(long, value_name = "ENDPOINT", global = true)]
+    connect: Vec<String>,
+    /// Length of one detection period in seconds.
+    #[arg(long)]
+    period_s: Option<f64>,
+    /// Solver to register with.
+    #[arg(long, value_enum)]
+    solver: Option<SolverFlag>,
+    /// Print the effective configuration and exit.
+    #[arg(long)]
+    print_config: bool,
+    #[command(flatten)]
+    process: process::Flags,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum SolverFlag {
+    Default,
+    Swarm,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Ask a running centre to register anew: one node, or all.
+    Recalibrate {
+        /// Which node; all if left out.
+        #[arg(long)]
+        node: Option<NodeId>,
+    },
+}
+
+/// Runs the program with these arguments, the first of which is its name.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    process::main(arguments, async |arguments: Arguments, stop| {
+        let config = arguments.configuration()?;
+        if arguments.flags.print_config {
+            return process::print(&toml::to_string(&config)?);
+        }
+        match arguments.action {
+            None => service::run(config, stop).await,
+            Some(Action::Recalibrate { node }) => {
+                send(config, Command::Recalibrate { node }).await
+            }
+        }
+    })
+}
+
+impl process::HasFlags for Arguments {
+    fn process_flags(&self) -> &process::Flags {
+        &self.flags.process
+    }
+}
+
+impl Arguments {
+    /// Defaults, then the file, then the flags; checked as a whole.
+    fn configuration(&self) -> anyhow::Result<CentreConfig> {
+        let mut config: CentreConfig =
+            self.config.as_deref().map(load).transpose()?.unwrap_or_default();
+        let Flags { site, reference, listen, connect, period_s, solver, .. } = &self.flags;
+        config.site = site.clone().unwrap_or(config.site);
+        config.reference = reference.clone().unwrap_or(config.reference);
+        config.gather.period_s = period_s.unwrap_or(config.gather.period_s);
+        if !connect.is_empty() {
+            (config.bus.connect, config.bus.listen) = (connect.clone(), Vec::new());
+        }
+        if !listen.is_empty() {
+            config.bus.listen.clone_from(listen);
+        }
+        config.solver.kind = match solver {
+            None => config.solver.kind,
+            Some(SolverFlag::Default) => SolverKind::Default,
+            Some(SolverFlag::Swarm) => SolverKind::Swarm,
+        };
+        let file = self.config.as_deref().map_or("command line".into(), |file| file.display().to_string());
+        config.check().with_context(|| format!("configuration ({file})"))?;
+        Ok(config)
+    }
+}
+
+/// Sends one command to the centre that listens where `config` says it would.
+async fn send(config: CentreConfig, command: Command) -> anyhow::Result<()> {
+    let BusConfig { connect, listen, .. } = config.bus.clone();
+    let endpoints = if connect.is_empty() { listen } else { connect };
+    let bus_config = BusConfig { connect: endpoints, listen: Vec::new(), ..config.bus };
+    let (bus, _) = ZenohBus::open(&bus_config, Keys::new(config.site), &[]).await?;
+    let stamp = Stamp { boot: BootId::random(), sequence: 0, sent_ns: 0 };
+    bus.publish(&Topic::Command, encode(stamp, &command)?).await?;
+    bus.close().await;
+    Ok(())
+}

@@ -1,0 +1,158 @@
+//! The centre's configuration, with its defaults and checks.
+
+use proto::config::BusConfig;
+use proto::ids::{NodeId, SiteId};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::registration::SolverConfig;
+
+/// A setting that makes no sense.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("{0}")]
+pub struct InvalidConfig(String);
+
+/// Everything that can be set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CentreConfig {
+    /// Name of the installation; agents must use the same.
+    pub site: SiteId,
+    /// The node whose frame is the common frame.
+    pub reference: NodeId,
+    /// The network.
+    pub bus: BusConfig,
+    /// How point sets are brought together.
+    pub gather: GatherConfig,
+    /// How nodes are registered.
+    pub solver: SolverConfig,
+    /// How targets are fused.
+    pub fuse: FuseConfig,
+}
+
+/// How point sets are brought together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GatherConfig {
+    /// Length of one detection period; the agents' period.
+    pub period_s: f64,
+    /// Periods kept for registration; older ones are forgotten.
+    pub window_count: usize,
+    /// How long a period waits for a node that is alive but late.
+    pub max_wait_s: f64,
+    /// A node not heard for this long is silent: nobody waits for it.
+    pub silent_after_s: f64,
+    /// Sets whose clock may be wrong by more than this are shown but not registered with.
+    pub max_clock_error_s: f64,
+    /// Nodes beyond this number are refused.
+    pub max_node_count: usize,
+}
+
+/// How targets are fused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FuseConfig {
+    /// Chance that two sightings of one target are not joined because they lie too far apart.
+    pub miss_probability: f64,
+}
+
+impl Default for CentreConfig {
+    fn default() -> Self {
+        // Both names are constants that satisfy the rules of names (asserted by a test).
+        let name = |text: &str| text.to_owned();
+        Self {
+            site: SiteId::try_from(name("site")).unwrap_or_else(|_| unreachable!("a valid name")),
+            reference: NodeId::try_from(name("n1")).unwrap_or_else(|_| unreachable!("a valid name")),
+            bus: BusConfig::router(),
+            gather: GatherConfig::default(),
+            solver: SolverConfig::default(),
+            fuse: FuseConfig::default(),
+        }
+    }
+}
+
+impl Default for GatherConfig {
+    fn default() -> Self {
+        Self {
+            period_s: 0.1,
+            window_count: 120,
+            max_wait_s: 0.3,
+            silent_after_s: 3.0,
+            max_clock_error_s: 0.02,
+            max_node_count: 32,
+        }
+    }
+}
+
+impl Default for FuseConfig {
+    fn default() -> Self {
+        Self { miss_probability: 0.01 }
+    }
+}
+
+impl FuseConfig {
+    /// Largest squared normalised distance of two sightings of one target: the quantile of
+    /// chi-square with two degrees of freedom, which is `−2 ln(miss probability)`.
+    #[must_use]
+    pub fn gate(&self) -> f64 {
+        -2.0 * self.miss_probability.ln()
+    }
+}
+
+impl CentreConfig {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// Names the first field that makes no sense, its value and what would do.
+    pub fn check(&self) -> Result<(), InvalidConfig> {
+        if let Some(complaint) = self.bus.complaint() {
+            return Err(InvalidConfig(complaint));
+        }
+        let gather = &self.gather;
+        for (name, value, least, most) in [
+            ("gather.period_s", gather.period_s, 1e-3, 60.0),
+            ("gather.max_wait_s", gather.max_wait_s, 0.0, 60.0),
+            ("gather.silent_after_s", gather.silent_after_s, 0.1, 3600.0),
+            ("gather.max_clock_error_s", gather.max_clock_error_s, 1e-6, 10.0),
+            ("gather.window_count", gather.window_count as f64, 2.0, 100_000.0),
+            ("gather.max_node_count", gather.max_node_count as f64, 2.0, 256.0),
+            ("fuse.miss_probability", self.fuse.miss_probability, 1e-9, 0.5),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(InvalidConfig(format!("{name} is {value}: use {least} to {most}")));
+            }
+        }
+        self.solver.check().map_err(|error| InvalidConfig(error.to_string()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_make_sense() {
+        assert_eq!(CentreConfig::default().check(), Ok(()));
+        assert_eq!(CentreConfig::default().reference.as_str(), "n1");
+    }
+
+    #[test]
+    fn the_shipped_file_spells_the_defaults() {
+        let shipped = include_str!("../../deploy/fusion.toml");
+        let config: CentreConfig = toml::from_str(shipped).unwrap();
+        assert_eq!(config, CentreConfig::default());
+        let every_key = toml::Table::try_from(CentreConfig::default()).unwrap();
+        let spelled: toml::Table = shipped.parse().unwrap();
+        assert_eq!(spelled, every_key, "deploy/fusion.toml leaves keys out");
+    }
+
+    #[test]
+    fn nonsense_names_key_value_and_remedy() {
+        let mut config = CentreConfig::default();
+        config.gather.period_s = 0.0;
+        let complaint = config.check().unwrap_err().to_string();
+        assert_eq!(complaint, "gather.period_s is 0: use 0.001 to 60");
+        assert!(toml::from_str::<CentreConfig>("referense = \"n1\"").is_err());
+        assert!(toml::from_str::<CentreConfig>("reference = \"N 1\"").is_err());
+    }
+}

@@ -1,0 +1,43 @@
+//! What one step of the centre wants done, collected while it runs.
+
+use std::collections::BTreeMap;
+
+use proto::ids::BootId;
+use proto::keys::Topic;
+use proto::time::CentreTime;
+use proto::wire::encode;
+use tracing::error;
+
+use super::{Effect, Job, Message, stamp};
+
+#[derive(Debug)]
+pub(super) struct Outbox {
+    boot: BootId,
+    sequences: BTreeMap<Topic, u64>,
+    effects: Vec<Effect>,
+}
+
+impl Outbox {
+    pub(super) fn new(boot: BootId) -> Self {
+        Self { boot, sequences: BTreeMap::new(), effects: Vec::new() }
+    }
+
+    pub(super) fn publish<M: Message>(&mut self, now: CentreTime, topic: Topic, message: &M) {
+        let sequence = self.sequences.entry(topic.clone()).or_default();
+        match encode(stamp(self.boot, *sequence, now), message) {
+            Ok(bytes) => {
+                *sequence += 1;
+                self.effects.push(Effect::Publish(topic, bytes));
+            }
+            Err(refusal) => error!(?topic, %refusal, "own message refused, not sent"),
+        }
+    }
+
+    pub(super) fn solve(&mut self, job: Job) {
+        self.effects.push(Effect::Solve(Box::new(job)));
+    }
+
+    pub(super) fn take(&mut self) -> Vec<Effect> {
+        std::mem::take(&mut self.effects)
+    }
+}

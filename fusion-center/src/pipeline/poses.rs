@@ -1,0 +1,310 @@
+//! Every node's transform: what to solve next, and whether to believe what came out.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use nalgebra::{Matrix3, Vector3};
+use proto::geom::{Node, Point, Ref, Se2, wrap_angle};
+use proto::ids::NodeId;
+use proto::time::CentreTime;
+use proto::wire::{
+    Evidence, NodeInPicture, NodeState, Outcome, PoseRecord, Registration, Rival, SetsUsed,
+    Transform,
+};
+use tracing::warn;
+
+use crate::gather::{Gather, KeptSet, NodeHistory};
+use crate::registration::{self, Period, PoseEstimate, Problem, Solution};
+
+/// A new pose within this many standard deviations (squared, three dimensions) of the old one
+/// refines it; chance exceeds it once in ten thousand.
+const REFINEMENT_GATE: f64 = 21.1;
+/// Most rival poses that are published.
+const MAX_RIVAL_COUNT: usize = 8;
+
+/// One node's registration problem, ready to be solved.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// Which node.
+    pub node: NodeId,
+    /// What is to be solved.
+    pub problem: Problem,
+    /// Which sets went in.
+    pub sets: SetsUsed,
+}
+
+/// A solved [`Job`].
+#[derive(Clone, Debug)]
+pub struct Solved {
+    /// The problem.
+    pub job: Job,
+    /// The solver's answer.
+    pub solution: Solution,
+    /// Name of the solver.
+    pub solver: &'static str,
+    /// How long it took.
+    pub solve_time: Duration,
+}
+
+/// One node's standing.
+#[derive(Debug, Default)]
+struct Standing {
+    transform: Option<Transform>,
+    /// Evidence for the transform when it was last confirmed.
+    transform_log_odds: f64,
+    newest: Option<(Outcome, Evidence, SetsUsed, &'static str)>,
+    next_epoch: u64,
+    in_flight: bool,
+    is_due: bool,
+}
+
+/// The poses of all nodes.
+#[derive(Debug)]
+pub struct Poses {
+    reference: NodeId,
+    standings: BTreeMap<NodeId, Standing>,
+}
+
+impl Poses {
+    pub(super) fn new(reference: NodeId) -> Self {
+        Self { reference, standings: BTreeMap::new() }
+    }
+
+    /// The transform in force.
+    #[must_use]
+    pub fn transform(&self, node: &NodeId) -> Option<&Transform> {
+        self.standings.get(node)?.transform.as_ref()
+    }
+
+    /// The pose in force and its covariance.
+    #[must_use]
+    pub fn pose(&self, node: &NodeId) -> Option<(Se2<Ref, Node>, Matrix3<f64>)> {
+        let transform = self.transform(node)?;
+        let rows = &transform.covariance;
+        let covariance = Matrix3::from_fn(|row, column| rows[row][column]);
+        Some((transform.pose_ref_from_node.into(), covariance))
+    }
+
+    /// The reference node defines `Ref`: its transform is the identity, exactly. True if that is
+    /// news.
+    pub(super) fn announce_reference(&mut self, now: CentreTime) -> bool {
+        let standing = self.standings.entry(self.reference.clone()).or_default();
+        if standing.transform.is_some() {
+            return false;
+        }
+        let pose_ref_from_node = PoseRecord::from(Se2::identity());
+        let covariance = [[0.0; 3]; 3];
+        standing.transform =
+            Some(Transform { epoch: 0, accepted: now, pose_ref_from_node, covariance });
+        true
+    }
+
+    /// What to solve now that `node` has sets in `periods`: each pair with the reference node that
+    /// this completed. A node whose last job is still being solved is solved again afterwards.
+    pub(super) fn jobs(&mut self, gather: &Gather, node: &NodeId, periods: &[i64]) -> Vec<Job> {
+        let has_any = |node: &NodeId| {
+            let sets = gather.node(node).map(NodeHistory::sets);
+            sets.is_some_and(|sets| periods.iter().any(|period| sets.contains_key(period)))
+        };
+        let others: Vec<NodeId> = if *node == self.reference {
+            gather.nodes().map(|(other, _)| other.clone()).filter(|other| other != node).collect()
+        } else if has_any(&self.reference) {
+            vec![node.clone()]
+        } else {
+            Vec::new()
+        };
+        let mut jobs = Vec::new();
+        for other in others.iter().filter(|other| has_any(other)) {
+            self.standings.entry(other.clone()).or_default().is_due = true;
+            jobs.extend(self.start(gather, other));
+        }
+        jobs
+    }
+
+    /// The job that became due while the last one was being solved.
+    pub(super) fn next_job(&mut self, gather: &Gather, node: &NodeId) -> Option<Job> {
+        self.start(gather, node)
+    }
+
+    fn start(&mut self, gather: &Gather, node: &NodeId) -> Option<Job> {
+        let standing = self.standings.get_mut(node)?;
+        if standing.in_flight || !standing.is_due {
+            return None;
+        }
+        standing.is_due = false;
+        let job = job(gather, &self.reference, node)?;
+        standing.in_flight = true;
+        Some(job)
+    }
+
+    /// Takes a solution in: a determined pose is believed unless it contradicts one that rests on
+    /// more.
+    pub(super) fn take(&mut self, now: CentreTime, solved: &Solved) {
+        let standing = self.standings.entry(solved.job.node.clone()).or_default();
+        standing.in_flight = false;
+        let evidence = evidence(&solved.solution.evidence, solved.solve_time);
+        let outcome = outcome(&solved.solution.outcome);
+        standing.newest = Some((outcome, evidence, solved.job.sets, solved.solver));
+        let Some(estimate) = &solved.solution.estimate else { return };
+        if solved.solution.outcome != registration::Outcome::Determined {
+            return;
+        }
+        let confirms = standing.transform.is_none_or(|old| refines(&old, estimate));
+        if !confirms && evidence.log_odds <= standing.transform_log_odds {
+            warn!(node = %solved.job.node, pose = ?estimate.pose_ref_from_node,
+                "contradicts the transform in force and rests on less: not accepted");
+            return;
+        }
+        standing.transform = Some(transform(standing.next_epoch, now, estimate));
+        standing.transform_log_odds = evidence.log_odds;
+        standing.next_epoch += 1;
+    }
+
+    /// The transform stays in force, but any determined pose may replace it.
+    pub(super) fn doubt(&mut self, node: &NodeId) {
+        if let Some(standing) = self.standings.get_mut(node) {
+            standing.transform_log_odds = f64::NEG_INFINITY;
+        }
+    }
+
+    /// What to tell of a node.
+    pub(super) fn registration(&self, now: CentreTime, node: &NodeId) -> Option<Registration> {
+        let standing = self.standings.get(node)?;
+        let (outcome, evidence, sets, solver) = if *node == self.reference {
+            (Outcome::Reference, Evidence::default(), None, "")
+        } else {
+            let (outcome, evidence, sets, solver) = standing.newest.clone()?;
+            (outcome, evidence, Some(sets), solver)
+        };
+        Some(Registration {
+            node: node.clone(),
+            reference: self.reference.clone(),
+            published: now,
+            transform: standing.transform,
+            outcome,
+            evidence,
+            sets,
+            solver: solver.to_owned(),
+        })
+    }
+}
+
+/// The problem of `node` against the reference node over all periods kept; `None` without any
+/// period in which both were heard.
+fn job(gather: &Gather, reference: &NodeId, node: &NodeId) -> Option<Job> {
+    let (reference_history, history) = (gather.node(reference)?, gather.node(node)?);
+    let usable = |set: &&KeptSet| set.for_registration;
+    let pairs: Vec<(&KeptSet, &KeptSet)> = history
+        .sets()
+        .iter()
+        .filter_map(|(period, set)| {
+            let in_ref = reference_history.sets().get(period).filter(usable)?;
+            Some((in_ref, Some(set).filter(usable)?))
+        })
+        .collect();
+    let ours = || pairs.iter().map(|(_, set)| *set).filter(|set| set.boot == history.boot);
+    let last_arrival = pairs.iter().flat_map(|(one, other)| [one.arrival, other.arrival]).max()?;
+    let count = u32::try_from(2 * pairs.len()).unwrap_or(u32::MAX);
+    let sets = SetsUsed {
+        boot: history.boot,
+        first_sequence: ours().map(|set| set.sequence).min().unwrap_or(0),
+        last_sequence: ours().map(|set| set.sequence).max().unwrap_or(0),
+        count,
+        last_arrival,
+    };
+    let periods = pairs.iter().map(|(in_ref, in_node)| period(in_ref, in_node)).collect();
+    Some(Job { node: node.clone(), problem: Problem { periods }, sets })
+}
+
+fn period(reference: &KeptSet, node: &KeptSet) -> Period {
+    // The reference node's own frame is `Ref`: only the name of the frame changes.
+    let in_ref = |position: &proto::geom::Gaussian<Node>| proto::geom::Gaussian {
+        mean: Point::from_coords(position.mean.coords_m),
+        cov_m2: position.cov_m2,
+    };
+    Period {
+        in_ref: reference.points.iter().map(|point| in_ref(&point.position)).collect(),
+        in_node: node.points.iter().map(|point| point.position).collect(),
+    }
+}
+
+fn transform(epoch: u64, now: CentreTime, estimate: &PoseEstimate) -> Transform {
+    let covariance =
+        std::array::from_fn(|row| std::array::from_fn(|column| estimate.covariance[(row, column)]));
+    let pose_ref_from_node = estimate.pose_ref_from_node.into();
+    Transform { epoch, accepted: now, pose_ref_from_node, covariance }
+}
+
+/// Whether the new pose lies within the old one's and its own uncertainty.
+fn refines(old: &Transform, new: &PoseEstimate) -> bool {
+    let old_pose: Se2<Ref, Node> = old.pose_ref_from_node.into();
+    let moved_m = new.pose_ref_from_node.translation_m() - old_pose.translation_m();
+    let turned = wrap_angle(new.pose_ref_from_node.heading_rad() - old_pose.heading_rad());
+    let between = Vector3::new(moved_m.x, moved_m.y, turned);
+    let old_covariance = Matrix3::from_fn(|row, column| old.covariance[row][column]);
+    let Some(information) = (old_covariance + new.covariance).try_inverse() else { return false };
+    between.dot(&(information * between)) <= REFINEMENT_GATE
+}
+
+fn outcome(outcome: &registration::Outcome) -> Outcome {
+    match outcome {
+        registration::Outcome::Determined => Outcome::Determined,
+        registration::Outcome::Ambiguous { rivals } => Outcome::Ambiguous {
+            rivals: rivals
+                .iter()
+                .take(MAX_RIVAL_COUNT)
+                .map(|rival| Rival {
+                    pose_ref_from_node: rival.pose_ref_from_node.into(),
+                    log_odds: rival.log_odds,
+                })
+                .collect(),
+        },
+        registration::Outcome::Underdetermined { missing } => {
+            Outcome::Underdetermined { missing: missing.to_string() }
+        }
+    }
+}
+
+fn evidence(evidence: &registration::Evidence, solve_time: Duration) -> Evidence {
+    let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
+    Evidence {
+        matched_point_count: count(evidence.matched_point_count),
+        period_count: count(evidence.period_count),
+        chi_square: evidence.chi_square,
+        degrees_of_freedom: evidence.degrees_of_freedom,
+        log_odds: evidence.log_odds,
+        rival_log_odds: evidence.rival_log_odds,
+        solve_ms: solve_time.as_secs_f64() * 1e3,
+    }
+}
+
+/// Every node's line in the picture.
+pub(super) fn node_lines(now: CentreTime, gather: &Gather, poses: &Poses) -> Vec<NodeInPicture> {
+    let line = |(node, history): (&NodeId, &NodeHistory)| {
+        let transform = poses.transform(node);
+        let state = if !gather.is_heard(now, history) {
+            NodeState::Silent
+        } else if history.clock.is_none() {
+            NodeState::ClockUnknown
+        } else if transform.is_none() {
+            NodeState::Unregistered
+        } else {
+            NodeState::Live
+        };
+        let silent = now.since(history.last_heard);
+        NodeInPicture {
+            node: node.clone(),
+            state,
+            silent_ms: u64::try_from(silent.as_millis()).unwrap_or(u64::MAX),
+            boot: history.boot,
+            next_sequence: history.next_sequence,
+            received_count: history.received_count,
+            missing_count: history.missing_count(),
+            duplicate_count: history.duplicate_count,
+            late_count: history.late_count,
+            refused_count: history.refused_count,
+            epoch: transform.map(|transform| transform.epoch),
+        }
+    };
+    gather.nodes().map(line).collect()
+}

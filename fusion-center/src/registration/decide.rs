@@ -1,0 +1,235 @@
+//! The decision: whether the modes found determine the pose, leave rivals, or prove nothing.
+//!
+//! The odds of a mode against "nothing in common" are, by Laplace's approximation over a uniform
+//! prior of volume `V = (2 W)² 2π` m² rad,
+//! `ln O = Λ' / s + ½ ln((2π)³ det(s q C)) − ln V`,
+//! with Λ' the likelihood ratio in which repeated points count once, `q` how often they repeat,
+//! `C` the inverse observed information and `s` the doubt: the larger of χ²/degrees of freedom
+//! and of the ratio of the scores' spread over blocks of periods to the information (errors that
+//! last longer than a period), each only where it is significant.
+//!
+//! A mode is a rival of the best one if their `ln O` differ by less than the configured odds; if its
+//! own `ln O` is more than a configured share of the best one's; or if the motion between the two
+//! is a symmetry of the scene. Targets that mirror each other make two poses agree far beyond
+//! chance, and which of them matches a few points more is then decided by misses.
+//!
+//! Assumes that the modes contain the global maximum and its rivals.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
+
+use super::evidence::{BLOCK_COUNT, Matches, Weights, matches_of};
+use super::modes::Mode;
+use super::prepared::{Motion, Prepared};
+use super::symmetry::symmetric_share;
+use super::{Evidence, Missing, Outcome, PoseEstimate, Rival, Solution};
+
+/// Standard deviations by which a ratio must exceed 1 to count.
+const SIGNIFICANT_SIGMAS: f64 = 3.0;
+
+/// Shared periods that a comparison of blocks needs.
+const MIN_PERIODS_FOR_BLOCKS: usize = 60;
+
+/// Typical standard deviations by which two places must differ at least: with more of them, tracks
+/// of noisy points fill few places and prove nothing; with fewer, standing targets seem to move.
+const PLACE_SIGMAS: f64 = 1.0;
+
+/// When a pose counts as determined.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DecisionConfig {
+    /// Fewest matched points.
+    pub min_matched_count: usize,
+    /// Fewest places at which they lie.
+    pub min_distinct_count: usize,
+    /// Places closer than this, metres, are one.
+    pub distinct_distance_m: f64,
+    /// Smallest natural logarithm of the odds against "nothing in common".
+    pub min_log_odds: f64,
+    /// Smallest natural logarithm of the odds against any other pose.
+    pub min_rival_log_odds: f64,
+    /// Largest share of the best pose's log odds that another pose may have.
+    pub max_rival_share: f64,
+    /// Largest share of the points that the motion to another pose may carry onto other points.
+    pub max_symmetric_share: f64,
+    /// Largest standard deviation of the position, metres, in its worst direction.
+    pub max_position_sigma_m: f64,
+    /// Largest standard deviation of the heading, degrees.
+    pub max_heading_sigma_deg: f64,
+    /// Half the side of the square, metres, in which the node is sought before anything is known.
+    pub prior_half_width_m: f64,
+}
+
+impl Default for DecisionConfig {
+    fn default() -> Self {
+        Self {
+            min_matched_count: 3,
+            min_distinct_count: 3,
+            distinct_distance_m: 0.5,
+            min_log_odds: 9.0,
+            // ln 1000.
+            min_rival_log_odds: 6.9,
+            max_rival_share: 0.3,
+            max_symmetric_share: 0.6,
+            max_position_sigma_m: 0.5,
+            max_heading_sigma_deg: 5.0,
+            prior_half_width_m: 20.0,
+        }
+    }
+}
+
+/// A mode with all that the decision needs.
+#[derive(Clone, Copy, Debug)]
+struct Assessed {
+    motion: Motion,
+    estimate: PoseEstimate,
+    evidence: Evidence,
+}
+
+/// The modes' odds decide which is best.
+pub(super) fn decide_among(
+    data: &Prepared,
+    modes: &[Mode],
+    given_period_count: usize,
+    config: &DecisionConfig,
+) -> Solution {
+    let mut assessed = assess_all(data, modes, config);
+    assessed.sort_by(|a, b| b.evidence.log_odds.total_cmp(&a.evidence.log_odds));
+    conclude(data, &assessed, given_period_count, config)
+}
+
+/// The first mode is the answer whatever its odds; the others can only be its rivals.
+pub(super) fn decide_first(
+    data: &Prepared,
+    modes: &[Mode],
+    given_period_count: usize,
+    config: &DecisionConfig,
+) -> Solution {
+    let mut assessed = assess_all(data, modes, config);
+    if let Some((_, rivals)) = assessed.split_first_mut() {
+        rivals.sort_by(|a, b| b.evidence.log_odds.total_cmp(&a.evidence.log_odds));
+    }
+    conclude(data, &assessed, given_period_count, config)
+}
+
+fn conclude(
+    data: &Prepared,
+    assessed: &[Assessed],
+    given_period_count: usize,
+    config: &DecisionConfig,
+) -> Solution {
+    let Some((best, others)) = assessed.split_first() else {
+        return without_modes(data, given_period_count);
+    };
+    let mut evidence = best.evidence;
+    evidence.rival_log_odds = others.first().map(|other| rival(best, other).log_odds);
+    if let Some(missing) = missing(best, config) {
+        let outcome = Outcome::Underdetermined { missing };
+        return Solution { estimate: None, outcome, evidence };
+    }
+    let near: Vec<Rival> = others
+        .iter()
+        .filter(|other| is_rival(data, best, other, config))
+        .map(|other| rival(best, other))
+        .collect();
+    let outcome =
+        if near.is_empty() { Outcome::Determined } else { Outcome::Ambiguous { rivals: near } };
+    Solution { estimate: Some(best.estimate), outcome, evidence }
+}
+
+fn without_modes(data: &Prepared, given_period_count: usize) -> Solution {
+    let shared_period_count = data.spans.len();
+    let missing = if shared_period_count == 0 {
+        Missing::SharedPeriods { period_count: given_period_count }
+    } else {
+        Missing::CommonPoints { shared_period_count }
+    };
+    let evidence = Evidence {
+        period_count: shared_period_count,
+        ignored_point_count: data.ignored_count,
+        covariance_inflation: 1.0,
+        ..Evidence::default()
+    };
+    Solution { estimate: None, outcome: Outcome::Underdetermined { missing }, evidence }
+}
+
+fn is_rival(data: &Prepared, best: &Assessed, other: &Assessed, config: &DecisionConfig) -> bool {
+    let (best_odds, other_odds) = (best.evidence.log_odds, other.evidence.log_odds);
+    best_odds - other_odds < config.min_rival_log_odds
+        || other_odds > config.max_rival_share * best_odds
+        || symmetric_share(data, &best.motion, &other.motion) > config.max_symmetric_share
+}
+
+fn rival(best: &Assessed, other: &Assessed) -> Rival {
+    Rival {
+        pose_ref_from_node: other.estimate.pose_ref_from_node,
+        log_odds: best.evidence.log_odds - other.evidence.log_odds,
+    }
+}
+
+fn missing(best: &Assessed, config: &DecisionConfig) -> Option<Missing> {
+    let evidence = &best.evidence;
+    let (matched, distinct) = (evidence.matched_point_count, evidence.distinct_point_count);
+    if matched < config.min_matched_count {
+        return Some(Missing::MatchedPoints { matched, needed: config.min_matched_count });
+    }
+    if distinct < config.min_distinct_count {
+        return Some(Missing::DistinctPoints { distinct, needed: config.min_distinct_count });
+    }
+    let (log_odds, needed) = (evidence.log_odds, config.min_log_odds);
+    if log_odds.is_nan() || log_odds < needed {
+        return Some(Missing::Evidence { log_odds, needed });
+    }
+    let covariance = &best.estimate.covariance;
+    let position = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    let (sigma_m, _, _) = proto::geom::principal_axes(&position);
+    if sigma_m > config.max_position_sigma_m {
+        return Some(Missing::PositionSpread { sigma_m, limit_m: config.max_position_sigma_m });
+    }
+    let sigma_rad = covariance[(2, 2)].sqrt();
+    let limit_rad = config.max_heading_sigma_deg.to_radians();
+    (sigma_rad > limit_rad).then_some(Missing::HeadingSpread { sigma_rad, limit_rad })
+}
+
+fn assess_all(data: &Prepared, modes: &[Mode], config: &DecisionConfig) -> Vec<Assessed> {
+    let distance_m = config.distinct_distance_m.max(PLACE_SIGMAS * data.typical_sigma_m);
+    let weights = Weights::new(data, distance_m);
+    modes.iter().map(|mode| assess(data, &weights, mode, config)).collect()
+}
+
+fn assess(data: &Prepared, weights: &Weights, mode: &Mode, config: &DecisionConfig) -> Assessed {
+    let matches = matches_of(data, weights, mode);
+    let doubt = mode.residual_ratio().max(block_ratio(data, &matches, &mode.covariance));
+    let covariance = mode.covariance * doubt;
+    let volume = (2.0 * config.prior_half_width_m).powi(2) * TAU;
+    let spread = (covariance * matches.repetition).determinant() * TAU.powi(3);
+    let log_odds = matches.log_ratio / doubt + 0.5 * spread.ln() - volume.ln();
+    let evidence = Evidence {
+        matched_point_count: matches.matched_count,
+        distinct_point_count: matches.distinct_count,
+        period_count: data.spans.len(),
+        ignored_point_count: data.ignored_count,
+        chi_square: mode.fit.chi_square * mode.covariance_scale,
+        degrees_of_freedom: mode.degrees_of_freedom(),
+        covariance_inflation: doubt * mode.covariance_scale,
+        log_odds,
+        rival_log_odds: None,
+    };
+    let estimate = PoseEstimate { pose_ref_from_node: mode.motion.pose(), covariance };
+    Assessed { motion: mode.motion, estimate, evidence }
+}
+
+/// Mean eigenvalue of `C Σ_b g_b g_bᵀ`, 1 for independent errors, where significantly above 1.
+fn block_ratio(data: &Prepared, matches: &Matches, covariance: &Matrix3<f64>) -> f64 {
+    if data.spans.len() < MIN_PERIODS_FOR_BLOCKS {
+        return 1.0;
+    }
+    // The scores of all blocks add up to zero at the maximum, which takes one block's freedom.
+    let free = (BLOCK_COUNT - 1) as f64;
+    let sum: f64 = matches.block_scores.iter().map(|g| g.dot(&(covariance * g))).sum();
+    let ratio = sum / 3.0 * BLOCK_COUNT as f64 / free;
+    let limit = 1.0 + SIGNIFICANT_SIGMAS * (2.0 / (3.0 * free)).sqrt();
+    if ratio > limit { ratio } else { 1.0 }
+}

@@ -1,0 +1,279 @@
+//! Registration: where a node stands in the reference frame, from points that both saw.
+//!
+//! A [`Solver`] takes the points of all periods that the reference side and one node share and
+//! returns a [`Solution`]: the pose, its covariance, and above all whether the data decide it.
+//! A solver never fails: data that cannot decide give [`Outcome::Ambiguous`] or
+//! [`Outcome::Underdetermined`], and callers publish [`Outcome::Determined`] only.
+
+use std::fmt;
+
+use nalgebra::Matrix3;
+use proto::geom::{Gaussian, Node, Ref, Se2};
+use serde::{Deserialize, Serialize};
+
+mod decide;
+mod evidence;
+mod hypotheses;
+mod likelihood;
+mod modes;
+pub mod objective;
+mod pairwise;
+mod prepared;
+mod settings;
+mod swarm;
+mod symmetry;
+
+#[cfg(test)]
+mod degenerate_tests;
+#[cfg(test)]
+mod monte_carlo;
+#[cfg(test)]
+mod statistics_tests;
+
+pub use decide::DecisionConfig;
+pub use pairwise::{Pairwise, PairwiseConfig};
+pub use settings::InvalidSolver;
+pub use swarm::{Swarm, SwarmConfig};
+
+/// One detection period seen by both sides.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Period {
+    /// The reference side's points, already in the reference frame.
+    pub in_ref: Vec<Gaussian<Ref>>,
+    /// The node's points in its own frame.
+    pub in_node: Vec<Gaussian<Node>>,
+}
+
+/// What is to be registered: periods in order of time. Periods may be empty on either side.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Problem {
+    /// The periods, oldest first.
+    pub periods: Vec<Period>,
+}
+
+/// A way to find a node's pose from shared points.
+pub trait Solver: Send + Sync {
+    /// A short name for logs and reports.
+    fn name(&self) -> &'static str;
+
+    /// The pose of the node and how far the data decide it. The same problem gives the same bytes.
+    fn solve(&self, problem: &Problem) -> Solution;
+}
+
+/// A solver's answer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// The best pose; `None` where the data do not support any.
+    pub estimate: Option<PoseEstimate>,
+    /// Whether the data decide the pose. Publish `Determined` only.
+    pub outcome: Outcome,
+    /// The numbers behind the outcome.
+    pub evidence: Evidence,
+}
+
+/// A pose and how sure it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseEstimate {
+    /// The node's pose in the reference frame.
+    pub pose_ref_from_node: Se2<Ref, Node>,
+    /// Covariance of the additive errors `(x_m, y_m, heading_rad)` in the reference frame.
+    pub covariance: Matrix3<f64>,
+}
+
+/// Whether the data decide the pose.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// One pose explains the data and no other comes near it.
+    Determined,
+    /// At least one clearly different pose explains the data nearly as well.
+    Ambiguous {
+        /// The other poses, likeliest first.
+        rivals: Vec<Rival>,
+    },
+    /// The data are too few or too weak for any pose.
+    Underdetermined {
+        /// What the data lack.
+        missing: Missing,
+    },
+}
+
+/// Another pose that the data allow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rival {
+    /// The other pose.
+    pub pose_ref_from_node: Se2<Ref, Node>,
+    /// Natural logarithm of the best pose's odds against this one.
+    pub log_odds: f64,
+}
+
+/// What the data lack.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Missing {
+    /// No period has usable points on both sides.
+    SharedPeriods {
+        /// How many periods were given.
+        period_count: usize,
+    },
+    /// No pose makes two points of the one side meet two of the other.
+    CommonPoints {
+        /// Periods with points on both sides.
+        shared_period_count: usize,
+    },
+    /// Too few points meet.
+    MatchedPoints {
+        /// Points that meet under the best pose.
+        matched: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// Points meet, but always at the same few places.
+    DistinctPoints {
+        /// Places at which points meet.
+        distinct: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// The agreement could be chance.
+    Evidence {
+        /// Logarithm of the odds of the best pose against "nothing in common".
+        log_odds: f64,
+        /// How much is needed.
+        needed: f64,
+    },
+    /// The position stays too uncertain.
+    PositionSpread {
+        /// Largest standard deviation of the position in metres.
+        sigma_m: f64,
+        /// The largest allowed.
+        limit_m: f64,
+    },
+    /// The heading stays too uncertain.
+    HeadingSpread {
+        /// Standard deviation of the heading in radians.
+        sigma_rad: f64,
+        /// The largest allowed.
+        limit_rad: f64,
+    },
+}
+
+impl fmt::Display for Missing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::SharedPeriods { period_count } => {
+                write!(f, "none of {period_count} periods has points on both sides")
+            }
+            Self::CommonPoints { shared_period_count } => {
+                write!(f, "no two common points in {shared_period_count} shared periods")
+            }
+            Self::MatchedPoints { matched, needed } => {
+                write!(f, "{matched} matched points, at least {needed} needed")
+            }
+            Self::DistinctPoints { distinct, needed } => {
+                write!(f, "matched points at {distinct} places, at least {needed} needed")
+            }
+            Self::Evidence { log_odds, needed } => {
+                write!(f, "log odds {log_odds:.1} against chance, at least {needed:.1} needed")
+            }
+            Self::PositionSpread { sigma_m, limit_m } => {
+                write!(f, "position known to {sigma_m:.2} m only, {limit_m:.2} m allowed")
+            }
+            Self::HeadingSpread { sigma_rad, limit_rad } => {
+                let (sigma, limit) = (sigma_rad.to_degrees(), limit_rad.to_degrees());
+                write!(f, "heading known to {sigma:.1}° only, {limit:.1}° allowed")
+            }
+        }
+    }
+}
+
+/// The numbers behind an outcome.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Evidence {
+    /// Pairs of points that more likely than not are the same target, over all periods.
+    pub matched_point_count: usize,
+    /// Places, farther apart than the configured distance, at which such pairs lie.
+    pub distinct_point_count: usize,
+    /// Periods with usable points on both sides.
+    pub period_count: usize,
+    /// Points left out because they were not finite or had no positive definite covariance.
+    pub ignored_point_count: usize,
+    /// Sum of squared residuals of the matched pairs in units of their variance.
+    pub chi_square: f64,
+    /// Twice the matched pairs less the three unknowns, at least 0.
+    pub degrees_of_freedom: f64,
+    /// By how much the covariance was multiplied because residuals contradict the stated one; 1
+    /// where they agree.
+    pub covariance_inflation: f64,
+    /// Natural logarithm of the odds of the best pose against "nothing in common".
+    pub log_odds: f64,
+    /// Natural logarithm of the best pose's odds against the next separated one, if there is one.
+    pub rival_log_odds: Option<f64>,
+}
+
+/// Which solver to use.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SolverKind {
+    /// Pair hypotheses, then robust maximum likelihood: [`Pairwise`].
+    #[default]
+    Default,
+    /// The particle swarm of \[registration\]: [`Swarm`].
+    Swarm,
+}
+
+/// Settings of registration.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SolverConfig {
+    /// Which solver to use.
+    pub kind: SolverKind,
+    /// When a pose counts as determined; both solvers.
+    pub decision: DecisionConfig,
+    /// Settings of the default solver.
+    pub default: PairwiseConfig,
+    /// Settings of the particle swarm.
+    pub swarm: SwarmConfig,
+}
+
+/// The solver that `config` names.
+#[must_use]
+pub fn build(config: &SolverConfig) -> Box<dyn Solver> {
+    match config.kind {
+        SolverKind::Default => {
+            Box::new(Pairwise::new(config.default.clone(), config.decision.clone()))
+        }
+        SolverKind::Swarm => Box::new(Swarm::new(config.swarm.clone(), config.decision.clone())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn configuration_names_the_solver_and_refuses_unknown_keys() {
+        let config: SolverConfig =
+            toml::from_str("kind = \"swarm\"\n[swarm]\nparticle_count = 7\n").unwrap();
+        assert_eq!(build(&config).name(), "swarm");
+        assert_eq!(config.swarm.particle_count, 7);
+        assert_eq!(build(&SolverConfig::default()).name(), "default");
+        for bad in ["kind = \"magic\"", "[default]\nhypotheses = 3", "[decision]\nx = 1"] {
+            assert!(toml::from_str::<SolverConfig>(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn every_reason_shows_its_numbers() {
+        let shown = |missing: Missing| missing.to_string();
+        assert_eq!(
+            shown(Missing::MatchedPoints { matched: 2, needed: 3 }),
+            "2 matched points, at least 3 needed"
+        );
+        assert!(shown(Missing::SharedPeriods { period_count: 4 }).contains('4'));
+        assert!(shown(Missing::CommonPoints { shared_period_count: 5 }).contains('5'));
+        assert!(shown(Missing::DistinctPoints { distinct: 1, needed: 3 }).contains("1 places"));
+        assert!(shown(Missing::Evidence { log_odds: 1.5, needed: 9.0 }).contains("1.5"));
+        assert!(shown(Missing::PositionSpread { sigma_m: 0.7, limit_m: 0.5 }).contains("0.70 m"));
+        let heading = Missing::HeadingSpread { sigma_rad: 0.1, limit_rad: 0.05 };
+        assert!(shown(heading).contains("5.7°"));
+    }
+}

@@ -1,0 +1,7 @@
+//! The shell around the pipeline: the clock, the network, the workers.
+
+mod clock;
+mod run;
+
+pub use clock::Clock;
+pub use run::{run, serve};

@@ -1,0 +1,111 @@
+//! The event loop: one task owns the pipeline; solving runs on worker threads beside it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Context;
+use proto::bus::{Bus, Delivery, ZenohBus};
+use proto::ids::BootId;
+use proto::keys::{Keys, Pattern, Topic};
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+use tracing::{error, info, warn};
+
+use super::Clock;
+use crate::config::CentreConfig;
+use crate::pipeline::{Centre, Effect, Event, Job, Solved};
+use crate::registration::{Solver, build};
+
+/// How often the pipeline looks at the time when nothing comes.
+const TICK: Duration = Duration::from_millis(50);
+
+/// What the centre listens to.
+fn patterns() -> [Pattern; 5] {
+    [
+        Pattern::AllPoints,
+        Pattern::AllStatus,
+        Pattern::AllClockProbes,
+        Pattern::Command,
+        Pattern::AllLive,
+    ]
+}
+
+/// Runs the centre on the network until `stop`.
+///
+/// # Errors
+/// If the network cannot be joined.
+pub async fn run(config: CentreConfig, stop: CancellationToken) -> anyhow::Result<()> {
+    let boot = BootId::random();
+    let keys = Keys::new(config.site.clone());
+    let (bus, deliveries) = ZenohBus::open(&config.bus, keys, &patterns())
+        .await
+        .context("is another centre running there? choose another port with --listen")?;
+    bus.declare_alive(&Topic::CentreLive(boot)).await?;
+    let CentreConfig { site, reference, bus: bus_config, .. } = &config;
+    info!(%site, %reference, %boot, listen = ?bus_config.listen, "centre is up");
+    serve(Arc::new(config), boot, &bus, deliveries, stop).await;
+    bus.close().await;
+    Ok(())
+}
+
+/// Serves deliveries until `stop` or until the bus is gone.
+pub async fn serve(
+    config: Arc<CentreConfig>,
+    boot: BootId,
+    bus: &impl Bus,
+    mut deliveries: mpsc::Receiver<Delivery>,
+    stop: CancellationToken,
+) {
+    let clock = Clock::start();
+    let solver: Arc<dyn Solver> = Arc::from(build(&config.solver));
+    // Never full: at most one solution per node is under way, and a node has one place.
+    let (solved_sender, mut solved) = mpsc::channel(config.gather.max_node_count);
+    let mut centre = Centre::new(config, boot);
+    let mut ticks = tokio::time::interval(TICK);
+    ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut dropped_before = 0;
+    loop {
+        let event = tokio::select! {
+            () = stop.cancelled() => break,
+            Some(done) = solved.recv() => Event::Solved(done),
+            delivery = deliveries.recv() => match delivery {
+                Some(delivery) => Event::Delivered(delivery),
+                None => break,
+            },
+            _ = ticks.tick() => Event::Tick,
+        };
+        for effect in centre.step(clock.now(), event) {
+            match effect {
+                Effect::Publish(topic, bytes) => {
+                    if let Err(failure) = bus.publish(&topic, bytes).await {
+                        warn!(%failure, "not published");
+                    }
+                }
+                Effect::Solve(job) => start(Arc::clone(&solver), *job, solved_sender.clone()),
+            }
+        }
+        let dropped = bus.dropped_count();
+        if dropped_before < dropped {
+            warn!(dropped, "deliveries dropped: the centre does not keep up");
+            dropped_before = dropped;
+        }
+    }
+    info!("centre stops");
+}
+
+fn start(solver: Arc<dyn Solver>, job: Job, done: mpsc::Sender<Box<Solved>>) {
+    tokio::spawn(async move {
+        let node = job.node.clone();
+        let work = tokio::task::spawn_blocking(move || {
+            let clock = Clock::start();
+            let solution = solver.solve(&job.problem);
+            let solve_time = clock.now().since(proto::time::CentreTime(0));
+            Box::new(Solved { job, solution, solver: solver.name(), solve_time })
+        });
+        match work.await {
+            // The loop has ended if nobody takes it: there is nothing left to tell.
+            Ok(solved) => drop(done.send(solved).await),
+            Err(failure) => error!(%node, %failure, "solving failed"),
+        }
+    });
+}

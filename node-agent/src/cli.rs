@@ -1,0 +1,140 @@
+//! The command line of the node agent.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Parser, ValueEnum};
+use proto::config::load;
+use proto::ids::{NodeId, SiteId};
+use proto::process;
+
+use crate::config::{AgentConfig, SourceKind};
+use crate::service;
+
+/// One radar node: turns sweeps into images and images into measured points, and sends them to
+/// the fusion centre.
+#[derive(Debug, Parser)]
+#[command(name = "node-agent", version)]
+pub struct Arguments {
+    /// Configuration file (TOML); every key has a default, see deploy/node.toml.
+    #[arg(long, env = "TRANSMURAL_NODE_CONFIG", value_name = "FILE")]
+    config: Option<PathBuf>,
+    #[command(flatten)]
+    flags: Flags,
+    #[command(flatten)]
+    process: process::Flags,
+}
+
+/// What can be set by flag; a flag wins over the configuration file.
+#[derive(Debug, clap::Args)]
+struct Flags {
+    /// Name of the installation.
+    #[arg(long)]
+    site: Option<SiteId>,
+    /// Name of this node.
+    #[arg(long)]
+    node: Option<NodeId>,
+    /// Endpoint of the centre, such as tcp/192.0.2.7:7447; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    connect: Vec<String>,
+    /// Where sweeps come from.
+    #[arg(long, value_enum)]
+    source: Option<SourceFlag>,
+    /// Recording to play (CSV or JSON Lines); implies --source recorded.
+    #[arg(long, value_name = "FILE")]
+    recording: Option<PathBuf>,
+    /// Height of the recording radar above the floor, metres: examines body heights.
+    #[arg(long)]
+    sensor_height_m: Option<f64>,
+    /// Seconds of the source per second.
+    #[arg(long)]
+    speed: Option<f64>,
+    /// Calendar time (Unix, seconds) at which the source starts.
+    #[arg(long)]
+    start_unix_s: Option<f64>,
+    /// Seed of the simulated source.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Write point sets as JSON Lines.
+    #[arg(long, value_name = "FILE")]
+    points: Option<PathBuf>,
+    /// Write the newest image as PNG.
+    #[arg(long, value_name = "FILE")]
+    image: Option<PathBuf>,
+    /// Set any key: KEY=VALUE with the key's path in the file, such as
+    /// chain.detection.min_coherence=0.3; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// Print the effective configuration and exit.
+    #[arg(long)]
+    print_config: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum SourceFlag {
+    Simulated,
+    Recorded,
+}
+
+/// Runs the program with these arguments, the first of which is its name.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    process::main(arguments, async |arguments: Arguments, stop| {
+        let config = arguments.configuration()?;
+        if arguments.flags.print_config {
+            return process::print(&toml::to_string(&config)?);
+        }
+        service::run(config, stop).await
+    })
+}
+
+impl process::HasFlags for Arguments {
+    fn process_flags(&self) -> &process::Flags {
+        &self.process
+    }
+}
+
+impl Arguments {
+    /// Defaults, then the file, then the flags; checked as a whole.
+    fn configuration(&self) -> anyhow::Result<AgentConfig> {
+        let file: AgentConfig = self.config.as_deref().map(load).transpose()?.unwrap_or_default();
+        let mut config = proto::config::with_settings(file, &self.flags.settings)?;
+        self.flags.apply(&mut config);
+        let origin = self.config.as_deref().map(|path| path.display().to_string());
+        let origin = origin.unwrap_or_else(|| "command line".to_owned());
+        config.check().with_context(|| format!("configuration ({origin})"))?;
+        Ok(config)
+    }
+}
+
+impl Flags {
+    fn apply(&self, config: &mut AgentConfig) {
+        fn set<T: Clone>(target: &mut T, flag: Option<&T>) {
+            if let Some(value) = flag {
+                target.clone_from(value);
+            }
+        }
+        set(&mut config.site, self.site.as_ref());
+        set(&mut config.node, self.node.as_ref());
+        set(&mut config.play.speed, self.speed.as_ref());
+        set(&mut config.simulated.seed, self.seed.as_ref());
+        set(&mut config.recorded.path, self.recording.as_ref());
+        for (target, flag) in [
+            (&mut config.output.points_jsonl, &self.points),
+            (&mut config.output.image_png, &self.image),
+        ] {
+            target.clone_from(flag.as_ref().map_or(&target.clone(), |_| flag));
+        }
+        config.play.start_unix_s = self.start_unix_s.or(config.play.start_unix_s);
+        config.group.sensor_height_m = self.sensor_height_m.or(config.group.sensor_height_m);
+        if !self.connect.is_empty() {
+            config.bus.connect.clone_from(&self.connect);
+        }
+        config.source = match (self.source, &self.recording) {
+            (Some(SourceFlag::Simulated), _) => SourceKind::Simulated,
+            (Some(SourceFlag::Recorded), _) | (None, Some(_)) => SourceKind::Recorded,
+            (None, None) => config.source,
+        };
+    }
+}

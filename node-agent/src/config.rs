@@ -1,0 +1,228 @@
+//! The agent's configuration, with its defaults and checks.
+
+use std::path::PathBuf;
+
+use proto::config::BusConfig;
+use proto::ids::{NodeId, SiteId};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::group::GroupConfig;
+use crate::pipeline::ChainConfig;
+use crate::simulate::Radar;
+use crate::source::{
+    Replay, ReplayConfig, Simulated, SimulatedConfig, SourceError, SweepSource,
+};
+
+/// A setting that makes no sense.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("{0}")]
+pub struct InvalidConfig(String);
+
+/// Everything that can be set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AgentConfig {
+    /// Name of the installation; the centre must use the same.
+    pub site: SiteId,
+    /// Name of this node.
+    pub node: NodeId,
+    /// Where sweeps come from.
+    pub source: SourceKind,
+    /// How fast and from when the source is played.
+    pub play: PlayConfig,
+    /// The network.
+    pub bus: BusConfig,
+    /// What imaged targets are like.
+    pub target: TargetConfig,
+    /// Files to write.
+    pub output: OutputConfig,
+    /// From sweeps to points.
+    pub chain: ChainConfig,
+    /// From detections to points.
+    pub group: GroupConfig,
+    /// Settings of the simulated source.
+    pub simulated: SimulatedConfig,
+    /// Settings of the recorded source.
+    pub recorded: ReplayConfig,
+}
+
+/// Where sweeps come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SourceKind {
+    /// Echoes of a known scene.
+    #[default]
+    Simulated,
+    /// Detections from a file.
+    Recorded,
+}
+
+/// How fast and from when the source is played.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlayConfig {
+    /// Seconds of the source per second; 1 is real time.
+    pub speed: f64,
+    /// Calendar time (Unix, seconds) at which the source starts, so that several agents start
+    /// together; at once if left out.
+    pub start_unix_s: Option<f64>,
+}
+
+/// What imaged targets are like.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TargetConfig {
+    /// How far behind the measured surface the middle of a target lies; 0 for points.
+    pub half_depth_m: f64,
+    /// Standard deviation of that from target to target.
+    pub half_depth_sigma_m: f64,
+}
+
+/// Files to write.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OutputConfig {
+    /// Point sets as JSON Lines, one per period.
+    pub points_jsonl: Option<PathBuf>,
+    /// The newest image with its points.
+    pub image_png: Option<PathBuf>,
+    /// Least time between two writings of the image; it is also written at the end.
+    pub image_interval_s: f64,
+}
+
+impl Default for AgentConfig {
+    fn default() -> Self {
+        // Both names are constants that satisfy the rules of names (asserted by a test).
+        let name = |text: &str| text.to_owned();
+        Self {
+            site: SiteId::try_from(name("site")).unwrap_or_else(|_| unreachable!("a valid name")),
+            node: NodeId::try_from(name("n1")).unwrap_or_else(|_| unreachable!("a valid name")),
+            source: SourceKind::default(),
+            play: PlayConfig::default(),
+            bus: BusConfig::default(),
+            target: TargetConfig::default(),
+            output: OutputConfig::default(),
+            chain: ChainConfig::default(),
+            group: GroupConfig::default(),
+            simulated: SimulatedConfig::default(),
+            recorded: ReplayConfig::default(),
+        }
+    }
+}
+
+impl Default for PlayConfig {
+    fn default() -> Self {
+        Self { speed: 1.0, start_unix_s: None }
+    }
+}
+
+impl Default for TargetConfig {
+    /// People: about 0.13 m, give or take 0.05 m \[registration, section 4\].
+    fn default() -> Self {
+        Self { half_depth_m: 0.13, half_depth_sigma_m: 0.05 }
+    }
+}
+
+impl Default for OutputConfig {
+    fn default() -> Self {
+        Self { points_jsonl: None, image_png: None, image_interval_s: 5.0 }
+    }
+}
+
+impl AgentConfig {
+    /// Checks every field that does not depend on files.
+    ///
+    /// # Errors
+    /// Names the first field that makes no sense, its value and what would do.
+    pub fn check(&self) -> Result<(), InvalidConfig> {
+        if let Some(complaint) = self.bus.complaint() {
+            return Err(InvalidConfig(complaint));
+        }
+        let start = self.play.start_unix_s.unwrap_or(0.0);
+        for (name, value, least, most) in [
+            ("play.speed", self.play.speed, 1e-3, 1e3),
+            ("play.start_unix_s", start, 0.0, 1e11),
+            ("target.half_depth_m", self.target.half_depth_m, 0.0, 2.0),
+            ("target.half_depth_sigma_m", self.target.half_depth_sigma_m, 0.0, 2.0),
+            ("output.image_interval_s", self.output.image_interval_s, 0.1, 1e6),
+            ("simulated.period_s", self.simulated.period_s, 1e-3, 60.0),
+            ("simulated.heading_deg", self.simulated.heading_deg, -360.0, 360.0),
+            ("simulated.x_m", self.simulated.x_m, -1e5, 1e5),
+            ("simulated.y_m", self.simulated.y_m, -1e5, 1e5),
+            ("simulated.first_s", self.simulated.first_s, -1e9, 1e9),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(InvalidConfig(format!("{name} is {value}: use {least} to {most}")));
+            }
+        }
+        self.chain.check().map_err(|error| InvalidConfig(format!("chain.{error}")))?;
+        self.group.check().map_err(|error| InvalidConfig(error.to_string()))?;
+        if self.source == SourceKind::Recorded && self.recorded.path.as_os_str().is_empty() {
+            let remedy = "recorded.path is empty: name a .csv or .jsonl file";
+            return Err(InvalidConfig(remedy.to_owned()));
+        }
+        Ok(())
+    }
+
+    /// Half-depth of a target and its standard deviation, metres, for this kind of source.
+    #[must_use]
+    pub fn half_depth_m(&self) -> (f64, f64) {
+        match self.source {
+            SourceKind::Simulated => (self.target.half_depth_m, self.target.half_depth_sigma_m),
+            SourceKind::Recorded => (self.group.half_depth_m, self.group.half_depth_sigma_m),
+        }
+    }
+
+    /// Length of a period in the source's own time.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        match self.source {
+            SourceKind::Simulated => self.simulated.period_s,
+            SourceKind::Recorded => self.group.period_s,
+        }
+    }
+
+    /// Opens the source.
+    ///
+    /// # Errors
+    /// If the scene makes no sense or the recording cannot be read.
+    pub fn open_source(&self) -> Result<Box<dyn SweepSource>, SourceError> {
+        let ChainConfig { band, array, grid, .. } = self.chain.clone();
+        let radar = Radar { band, array, grid };
+        Ok(match self.source {
+            SourceKind::Simulated => Box::new(Simulated::new(&self.simulated, &radar)?),
+            SourceKind::Recorded => Box::new(Replay::new(&self.recorded, &self.group)?),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_make_sense() {
+        assert_eq!(AgentConfig::default().check(), Ok(()));
+    }
+
+    #[test]
+    fn the_shipped_file_spells_the_defaults() {
+        let shipped = include_str!("../../deploy/node.toml");
+        let config: AgentConfig = toml::from_str(shipped).unwrap();
+        assert_eq!(config, AgentConfig::default());
+        let every_key = toml::Table::try_from(AgentConfig::default()).unwrap();
+        let spelled: toml::Table = shipped.parse().unwrap();
+        assert_eq!(spelled, every_key, "deploy/node.toml leaves keys out");
+    }
+
+    #[test]
+    fn nonsense_names_key_value_and_remedy() {
+        let mut config = AgentConfig::default();
+        config.play.speed = f64::NAN;
+        assert!(config.check().unwrap_err().to_string().starts_with("play.speed is NaN: use"));
+        let config = AgentConfig { source: SourceKind::Recorded, ..AgentConfig::default() };
+        assert!(config.check().unwrap_err().to_string().contains("recorded.path"));
+        assert!(toml::from_str::<AgentConfig>("[chain.band]\nstart_ghz = 1.6").is_err());
+    }
+}

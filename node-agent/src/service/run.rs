@@ -1,0 +1,148 @@
+//! One agent: measures from the first moment, joins the network as soon as it is there.
+
+use std::time::Duration;
+
+use anyhow::Context;
+use proto::bus::{Bus, BusError, Delivery, ZenohBus};
+use proto::config::BusConfig;
+use proto::ids::BootId;
+use proto::keys::{Keys, Pattern, Topic};
+use proto::time::ClockEstimate;
+use proto::wire::PointSet;
+use tokio::sync::{broadcast, mpsc, watch};
+use tokio_util::sync::CancellationToken;
+use tracing::{info, warn};
+
+use super::clock::Clock;
+use super::downlink::{Downlink, Heard};
+use super::measure::{Measure, Progress};
+use super::output::Output;
+use super::uplink::{self, Sender};
+use crate::config::AgentConfig;
+use crate::pipeline::Chain;
+
+/// Sets that wait while the network is away or slow; then the oldest give way.
+const QUEUE_COUNT: usize = 256;
+/// Pauses between attempts to join the network, growing.
+const FIRST_PAUSE: Duration = Duration::from_millis(200);
+const LONGEST_PAUSE: Duration = Duration::from_secs(3);
+/// After the source has ended the last sets are given this long to leave.
+const DRAIN_LIMIT: Duration = Duration::from_secs(2);
+
+/// Runs the agent until its source ends and it is told to stop, or `stop`.
+///
+/// # Errors
+/// If the source cannot be opened or a file not be created. A network that is away is no error.
+pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result<()> {
+    let clock = Clock::start();
+    let sender = Sender { node: config.node.clone(), boot: BootId::random(), clock };
+    let source = config.open_source()?;
+    let chain = Chain::new(&config.chain).context("configuration: chain")?;
+    let output = Output::open(&config.output)?;
+    let (sets, set_receiver) = broadcast::channel(QUEUE_COUNT);
+    let (progress, progress_shown) = watch::channel(Progress::default());
+    let (dropped, dropped_shown) = watch::channel(0);
+    info!(node = %config.node, boot = %sender.boot, source = ?config.source, "agent is up");
+
+    let network = Network {
+        keys: Keys::new(config.site.clone()),
+        bus: config.bus.clone(),
+        sender,
+        progress: progress_shown,
+        dropped,
+    };
+    let network = tokio::spawn(network.run(set_receiver, stop.clone()));
+    let measure = Measure {
+        config,
+        clock,
+        source,
+        chain,
+        output,
+        sets,
+        progress,
+        dropped: dropped_shown,
+    };
+    measure.run(stop.clone()).await;
+    network.await.context("the network task")?;
+    Ok(())
+}
+
+/// The agent's side of the network.
+struct Network {
+    keys: Keys,
+    bus: BusConfig,
+    sender: Sender,
+    progress: watch::Receiver<Progress>,
+    dropped: watch::Sender<u64>,
+}
+
+impl Network {
+    /// Joins, serves until `stop`, leaves.
+    async fn run(
+        self,
+        sets: broadcast::Receiver<(u64, PointSet)>,
+        stop: CancellationToken,
+    ) {
+        let joined = tokio::select! {
+            () = stop.cancelled() => return,
+            joined = self.join() => joined,
+        };
+        let (bus, deliveries) = joined;
+        let (estimate, estimate_shown) = watch::channel(None::<ClockEstimate>);
+        let (heard, heard_shown) = watch::channel(Heard::default());
+        let Self { keys, sender, progress, dropped, .. } = self;
+        let downlink =
+            Downlink { keys, boot: sender.boot, clock: sender.clock, estimate, heard };
+        let reporter = sender.clone();
+        let mut sending = Box::pin(uplink::send_sets(
+            sender.clone(),
+            &bus,
+            sets,
+            estimate_shown.clone(),
+            dropped,
+        ));
+        tokio::select! {
+            () = stop.cancelled() => {}
+            () = downlink.run(deliveries) => {}
+            () = uplink::ask_for_time(sender, &bus) => {}
+            () = uplink::report_status(reporter, &bus, progress, heard_shown, estimate_shown) => {}
+            () = wait_forever(&mut sending) => {}
+        }
+        // The measuring loop has stopped too, so the queue ends.
+        if tokio::time::timeout(DRAIN_LIMIT, sending).await.is_err() {
+            warn!(limit = ?DRAIN_LIMIT, "the last sets could not be sent");
+        }
+        bus.close().await;
+    }
+
+    /// Tries until it works.
+    async fn join(&self) -> (ZenohBus, mpsc::Receiver<Delivery>) {
+        let mut pause = FIRST_PAUSE;
+        loop {
+            match self.try_join().await {
+                Ok(joined) => {
+                    info!(endpoints = ?self.bus.connect, "joined the network");
+                    return joined;
+                }
+                Err(error) => warn!(%error, retry_in = ?pause, "the centre is not there yet"),
+            }
+            // Agents that start together must not all knock at the same moment.
+            tokio::time::sleep(pause.mul_f64(0.5 + 0.5 * rand::random::<f64>())).await;
+            pause = (2 * pause).min(LONGEST_PAUSE);
+        }
+    }
+
+    async fn try_join(&self) -> Result<(ZenohBus, mpsc::Receiver<Delivery>), BusError> {
+        let node = self.sender.node.clone();
+        let patterns = [Pattern::ClockAnswer(node.clone()), Pattern::Transform(node.clone())];
+        let (bus, deliveries) = ZenohBus::open(&self.bus, self.keys.clone(), &patterns).await?;
+        bus.declare_alive(&Topic::NodeLive(node, self.sender.boot)).await?;
+        Ok((bus, deliveries))
+    }
+}
+
+/// Drives `task` without ever ending: its end is not a reason to leave the network.
+async fn wait_forever(task: &mut (impl Future<Output = ()> + Unpin)) {
+    task.await;
+    std::future::pending::<()>().await;
+}

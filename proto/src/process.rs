@@ -1,0 +1,143 @@
+//! What every program of the project does the same way: logging, signals, the end of its parent.
+
+use std::ffi::OsString;
+use std::io::{Read, Write};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::Context;
+use clap::Parser;
+use tokio_util::sync::CancellationToken;
+use tracing::{info, warn};
+use tracing_subscriber::EnvFilter;
+
+/// From the wish to stop to the end of the process, whatever hangs.
+const STOP_LIMIT: Duration = Duration::from_secs(5);
+
+/// Flags of every long-running program.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Flags {
+    /// What to log, such as debug or fusion_center=debug,zenoh=warn.
+    #[arg(long, env = "TRANSMURAL_LOG", default_value = "info,zenoh=error", global = true)]
+    log: String,
+    /// Log as JSON Lines.
+    #[arg(long, global = true)]
+    log_json: bool,
+    /// Stop when standard input ends: for a launcher, so that nothing outlives it.
+    #[arg(long, global = true)]
+    stop_with_stdin: bool,
+}
+
+/// Arguments that hold [`Flags`].
+pub trait HasFlags: Parser {
+    /// The flags.
+    fn process_flags(&self) -> &Flags;
+}
+
+/// Parses the arguments, sets logging up, and runs `body` until it ends; SIGINT, SIGTERM or the
+/// end of the parent cancel its token, and five seconds later the process ends in any case.
+pub fn main<A: HasFlags>(
+    arguments: impl IntoIterator<Item = OsString>,
+    body: impl AsyncFnOnce(A, CancellationToken) -> anyhow::Result<()>,
+) -> ExitCode {
+    let parsed = match A::try_parse_from(arguments) {
+        Ok(parsed) => parsed,
+        Err(error) => {
+            drop(error.print());
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    match try_main(parsed, body) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            drop(writeln!(std::io::stderr(), "error: {error:#}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn try_main<A: HasFlags>(
+    arguments: A,
+    body: impl AsyncFnOnce(A, CancellationToken) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    let flags = arguments.process_flags().clone();
+    start_logging(&flags)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .context("starting the runtime")?;
+    let stop = CancellationToken::new();
+    if flags.stop_with_stdin {
+        let token = stop.clone();
+        std::thread::spawn(move || cancel_at_end_of_stdin(&token));
+    }
+    let result = runtime.block_on(async {
+        tokio::spawn(watch_signals(stop.clone()));
+        body(arguments, stop).await
+    });
+    runtime.shutdown_timeout(Duration::from_millis(200));
+    result
+}
+
+fn start_logging(flags: &Flags) -> anyhow::Result<()> {
+    let filter = EnvFilter::try_new(&flags.log)
+        .with_context(|| format!("--log {:?}: use for example info,zenoh=error", flags.log))?;
+    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let started =
+        if flags.log_json { subscriber.json().try_init() } else { subscriber.try_init() };
+    started.map_err(|error| anyhow::anyhow!("starting the log: {error}"))
+}
+
+fn cancel_at_end_of_stdin(stop: &CancellationToken) {
+    let mut buffer = [0_u8; 256];
+    while std::io::stdin().read(&mut buffer).is_ok_and(|count| 0 < count) {}
+    stop.cancel();
+    end_after_limit();
+}
+
+async fn watch_signals(stop: CancellationToken) {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (Ok(mut interrupt), Ok(mut terminate)) =
+        (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
+    else {
+        warn!("signals cannot be watched: stop this process by force");
+        return;
+    };
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+        () = stop.cancelled() => {}
+    }
+    info!("stopping");
+    stop.cancel();
+    // A thread, not a task: the runtime itself may be what hangs.
+    std::thread::spawn(end_after_limit);
+    tokio::select! {
+        _ = interrupt.recv() => std::process::exit(130),
+        _ = terminate.recv() => std::process::exit(143),
+    }
+}
+
+fn end_after_limit() {
+    std::thread::sleep(STOP_LIMIT);
+    drop(writeln!(std::io::stderr(), "error: stopping took longer than {STOP_LIMIT:?}; ended"));
+    std::process::exit(1);
+}
+
+/// Writes text to standard output.
+///
+/// # Errors
+/// If it cannot be written, for example because a pipe was closed.
+pub fn print(text: &str) -> anyhow::Result<()> {
+    let mut output = std::io::stdout().lock();
+    output.write_all(text.as_bytes()).and_then(|()| output.flush()).context("writing the output")
+}
+
+impl Flags {
+    /// What is logged, to hand it on to child processes.
+    #[must_use]
+    pub fn log_filter(&self) -> &str {
+        &self.log
+    }
+}

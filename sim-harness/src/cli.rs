@@ -1,0 +1,174 @@
+//! The command line of the harness.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, ensure};
+use clap::{Parser, Subcommand};
+use proto::process;
+use tokio_util::sync::CancellationToken;
+
+use crate::report::{Report, Summary};
+use crate::run::{Options, run, unix_now_s};
+use crate::scenario::{Kill, RecordingPlan, Scenario, find, shipped};
+
+/// Launches a distributed scenario on localhost and scores what comes out.
+#[derive(Debug, Parser)]
+#[command(name = "sim-harness", version)]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Action,
+    #[command(flatten)]
+    process: process::Flags,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Run a scenario: the centre and one process per node, to the end; then score.
+    Run(RunFlags),
+    /// List the scenarios that come with the program.
+    List {
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+struct RunFlags {
+    /// Name of a shipped scenario, or a scenario file.
+    #[arg(default_value = "paper")]
+    scenario: String,
+    /// Seed of everything random.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Run this many seeds, one after the other, counting up from the first.
+    #[arg(long, default_value_t = 1)]
+    seeds: u64,
+    /// Seconds of the scene per second.
+    #[arg(long)]
+    speed: Option<f64>,
+    /// Number of periods.
+    #[arg(long)]
+    periods: Option<u64>,
+    /// Solver of the centre: default or swarm.
+    #[arg(long)]
+    solver: Option<String>,
+    /// Folder of a recording: extrinsics.json and one file of detections per node.
+    #[arg(long, value_name = "FOLDER")]
+    recording: Option<PathBuf>,
+    /// Kill a process without warning: WHO@SECONDS, such as centre@2.5; may be repeated.
+    #[arg(long = "kill", value_name = "WHO@SECONDS")]
+    kills: Vec<Kill>,
+    /// Where the run's files go; a new folder below runs/ if left out.
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    /// Take node-agent and fusion-center from this folder.
+    #[arg(long, value_name = "FOLDER")]
+    programs: Option<PathBuf>,
+    /// Print one JSON object instead of tables.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the program with these arguments, the first of which is its name.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    process::main(arguments, async |arguments: Arguments, stop| match &arguments.action {
+        Action::List { json } => list(*json),
+        Action::Run(flags) => run_all(flags, arguments.process.log_filter(), &stop).await,
+    })
+}
+
+impl process::HasFlags for Arguments {
+    fn process_flags(&self) -> &process::Flags {
+        &self.process
+    }
+}
+
+fn list(json: bool) -> anyhow::Result<()> {
+    let scenarios = shipped()?;
+    if json {
+        return process::print(&format!("{}\n", serde_json::to_string_pretty(&scenarios)?));
+    }
+    let lines = scenarios.iter().map(|s| format!("{:10} {}\n", s.name, s.title));
+    process::print(&lines.collect::<String>())
+}
+
+async fn run_all(
+    flags: &RunFlags,
+    log_filter: &str,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    ensure!(0 < flags.seeds, "--seeds is 0: use 1 or more");
+    let scenario = flags.scenario()?;
+    let folder = flags.folder(&scenario)?;
+    let mut reports: Vec<Report> = Vec::new();
+    for seed in (0..flags.seeds).map(|index| scenario.seed.wrapping_add(index)) {
+        let several = 1 < flags.seeds;
+        let folder = if several { folder.join(format!("seed-{seed}")) } else { folder.clone() };
+        let options = Options { folder: &folder, programs: flags.programs.as_deref(), log_filter };
+        let report = run(Scenario { seed, ..scenario.clone() }, &options, stop).await?;
+        report.write()?;
+        if !flags.json {
+            process::print(&report.table())?;
+        }
+        reports.push(report);
+    }
+    let needed_share = scenario.bounds.seed_share;
+    let success = if flags.seeds == 1 {
+        reports.first().map(|report| print_one(report, flags.json)).transpose()?.unwrap_or(false)
+    } else {
+        print_many(Summary::new(reports, needed_share), &folder, flags.json)?
+    };
+    ensure!(success, "not every node that can be registered was registered within the bounds");
+    Ok(())
+}
+
+fn print_one(report: &Report, json: bool) -> anyhow::Result<bool> {
+    if json {
+        process::print(&format!("{}\n", serde_json::to_string(report)?))?;
+    }
+    Ok(report.success)
+}
+
+fn print_many(summary: Summary, folder: &Path, json: bool) -> anyhow::Result<bool> {
+    std::fs::write(folder.join("summary.json"), serde_json::to_string_pretty(&summary)?)?;
+    let text = if json { serde_json::to_string(&summary)? + "\n" } else { summary.line() };
+    process::print(&text)?;
+    Ok(summary.success)
+}
+
+impl RunFlags {
+    /// The scenario with the flags put over it.
+    fn scenario(&self) -> anyhow::Result<Scenario> {
+        let mut scenario = find(&self.scenario)?;
+        scenario.seed = self.seed.unwrap_or(scenario.seed);
+        scenario.speed = self.speed.unwrap_or(scenario.speed);
+        scenario.period_count = self.periods.or(scenario.period_count);
+        if let Some(folder) = &self.recording {
+            scenario.recording = Some(RecordingPlan { folder: folder.clone() });
+        }
+        if let Some(solver) = &self.solver {
+            let kind = toml::Table::from_iter([("kind".to_owned(), solver.clone().into())]);
+            scenario.centre.insert("solver".to_owned(), kind.into());
+        }
+        scenario.kills.extend(self.kills.iter().cloned());
+        scenario.kills.sort_by_key(|kill| kill.after_ms);
+        scenario.resolve()
+    }
+
+    fn folder(&self, scenario: &Scenario) -> anyhow::Result<PathBuf> {
+        let folder = self.out.clone().unwrap_or_else(|| {
+            let started = format!("{}-{:.0}", scenario.name, unix_now_s() * 1e3);
+            Path::new("runs").join(started)
+        });
+        let fresh = !folder.exists()
+            || std::fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_none());
+        ensure!(fresh, "--out {}: the folder is not empty; choose a new one", folder.display());
+        std::fs::create_dir_all(&folder)
+            .with_context(|| format!("creating {}", folder.display()))?;
+        let path = folder.canonicalize();
+        path.with_context(|| folder.display().to_string())
+    }
+}

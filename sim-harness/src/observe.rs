@@ -1,0 +1,93 @@
+//! Watches a run from the network: what the agents say of themselves and what the centre says.
+
+use std::collections::BTreeMap;
+
+use proto::bus::{BusEvent, Delivery, ZenohBus};
+use proto::config::BusConfig;
+use proto::ids::NodeId;
+use proto::keys::{Keys, Pattern, Topic};
+use proto::wire::{
+    NodeInPicture, NodeState, NodeStatus, Outcome, Picture, Registration, SourceState, decode,
+};
+use tokio::sync::mpsc;
+use tracing::warn;
+
+/// What is known of one node.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Seen {
+    pub(crate) status: Option<NodeStatus>,
+    pub(crate) registration: Option<Registration>,
+    pub(crate) line: Option<NodeInPicture>,
+}
+
+/// What is known of a run.
+#[derive(Debug, Default)]
+pub(crate) struct Observer {
+    pub(crate) nodes: BTreeMap<NodeId, Seen>,
+    pub(crate) picture: Option<Picture>,
+    /// Largest number of nodes that one target was joined from.
+    pub(crate) picture_count: u64,
+}
+
+/// Joins the run's network to watch.
+pub(crate) async fn join(
+    endpoint: &str,
+    keys: &Keys,
+) -> Result<(ZenohBus, mpsc::Receiver<Delivery>), proto::bus::BusError> {
+    let config = BusConfig { connect: vec![endpoint.to_owned()], ..BusConfig::default() };
+    let patterns = [Pattern::AllStatus, Pattern::AllTransforms, Pattern::Picture];
+    ZenohBus::open(&config, keys.clone(), &patterns).await
+}
+
+impl Observer {
+    pub(crate) fn take(&mut self, keys: &Keys, delivery: &Delivery) {
+        let BusEvent::Message(bytes) = &delivery.event else { return };
+        let taken = match keys.parse(&delivery.key) {
+            Ok(Topic::Status(node)) => decode::<NodeStatus>(bytes).map(|status| {
+                self.nodes.entry(node).or_default().status = Some(status.body);
+            }),
+            Ok(Topic::Transform(node)) => decode::<Registration>(bytes).map(|registration| {
+                self.nodes.entry(node).or_default().registration = Some(registration.body);
+            }),
+            Ok(Topic::Picture) => {
+                decode::<Picture>(bytes).map(|picture| self.take_picture(picture.body))
+            }
+            _ => return,
+        };
+        if let Err(refusal) = taken {
+            warn!(key = %delivery.key, %refusal, "message refused");
+        }
+    }
+
+    fn take_picture(&mut self, picture: Picture) {
+        for line in &picture.nodes {
+            self.nodes.entry(line.node.clone()).or_default().line = Some(line.clone());
+        }
+        self.picture_count += 1;
+        self.picture = Some(picture);
+    }
+}
+
+impl Seen {
+    /// Whether its source has ended, well or badly.
+    pub(crate) fn has_finished(&self) -> bool {
+        let source = self.status.as_ref().map(|status| &status.source);
+        matches!(source, Some(SourceState::Finished | SourceState::Failed(_)))
+    }
+
+    /// Whether the centre has taken its last set, and solved with it where that can be.
+    pub(crate) fn is_settled(&self) -> bool {
+        let (Some(status), Some(line)) = (&self.status, &self.line) else { return false };
+        let Some(registration) = &self.registration else { return false };
+        let solved = match (&registration.outcome, &registration.sets) {
+            (Outcome::Reference, _) => true,
+            (_, Some(sets)) => status.next_sequence <= sets.last_sequence + 1,
+            (_, None) => false,
+        };
+        status.next_sequence <= line.next_sequence && line.missing_count == 0 && solved
+    }
+
+    pub(crate) fn is_silent(&self) -> bool {
+        self.line.as_ref().is_some_and(|line| line.state == NodeState::Silent)
+    }
+}

@@ -1,0 +1,137 @@
+//! How good the result is: each node's estimated pose beside its true one.
+
+use proto::geom::{Node, Ref, Se2, wrap_angle};
+use proto::ids::NodeId;
+use proto::wire::{Evidence, LatencyReport, NodeState, Outcome, PoseRecord};
+use serde::Serialize;
+
+use crate::observe::Seen;
+use crate::scenario::{NodePlan, Scenario};
+
+/// Standard deviations of a pose.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Sigma {
+    pub(crate) x_m: f64,
+    pub(crate) y_m: f64,
+    pub(crate) heading_deg: f64,
+}
+
+/// One node's result.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct NodeScore {
+    pub(crate) node: NodeId,
+    pub(crate) is_reference: bool,
+    pub(crate) pose_ref_from_node: Option<PoseRecord>,
+    pub(crate) truth: PoseRecord,
+    pub(crate) position_error_m: Option<f64>,
+    pub(crate) angle_error_deg: Option<f64>,
+    pub(crate) sigma: Option<Sigma>,
+    /// Squared pose error in units of its covariance; 3 on average if the covariance is true.
+    pub(crate) normalised_error: Option<f64>,
+    pub(crate) outcome: String,
+    pub(crate) missing: Option<String>,
+    pub(crate) within_bounds: bool,
+    pub(crate) solve_ms: f64,
+    pub(crate) periods_used: u32,
+    pub(crate) matched_points: u32,
+    pub(crate) evidence: Evidence,
+    pub(crate) state: Option<String>,
+    pub(crate) sets_sent: u64,
+    pub(crate) sets_received: u64,
+    pub(crate) sets_missing: u64,
+    pub(crate) sets_dropped: u64,
+    pub(crate) messages_refused: u64,
+    pub(crate) transform_latency: Option<LatencyReport>,
+}
+
+/// The score of one node.
+pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeScore {
+    let truth = scenario.truth(node);
+    let is_reference = node.id == scenario.reference;
+    let registration = seen.registration.as_ref();
+    let transform = registration.and_then(|registration| registration.transform);
+    let pose: Option<Se2<Ref, Node>> = transform.map(|t| t.pose_ref_from_node.into());
+    let errors = pose.map(|pose| errors(&pose, &truth));
+    let bounds = scenario.bounds.of(&node.id);
+    let within_bounds = errors.is_some_and(|errors| {
+        errors.position_m <= bounds.position_m && errors.angle_rad.abs().to_degrees() <= bounds.angle_deg
+    });
+    let evidence = registration.map_or_else(Evidence::default, |r| r.evidence);
+    let covariance = transform.filter(|_| !is_reference).map(|t| t.covariance);
+    let sigma = covariance.map(|rows| Sigma {
+        x_m: rows[0][0].sqrt(),
+        y_m: rows[1][1].sqrt(),
+        heading_deg: rows[2][2].sqrt().to_degrees(),
+    });
+    let (outcome, missing) = outcome(registration.map(|registration| &registration.outcome));
+    let (status, line) = (seen.status.as_ref(), seen.line.as_ref());
+    NodeScore {
+        node: node.id.clone(),
+        is_reference,
+        pose_ref_from_node: pose.map(PoseRecord::from),
+        truth: truth.into(),
+        position_error_m: errors.map(|errors| errors.position_m),
+        angle_error_deg: errors.map(|errors| errors.angle_rad.to_degrees()),
+        sigma,
+        normalised_error: errors.zip(covariance).and_then(|(e, c)| e.normalised(&c)),
+        outcome,
+        missing,
+        within_bounds: within_bounds || is_reference,
+        solve_ms: evidence.solve_ms,
+        periods_used: evidence.period_count,
+        matched_points: evidence.matched_point_count,
+        evidence,
+        state: line.map(|line| state(line.state).to_owned()),
+        sets_sent: status.map_or(0, |status| status.next_sequence),
+        sets_received: line.map_or(0, |line| line.received_count),
+        sets_missing: line.map_or(0, |line| line.missing_count),
+        sets_dropped: status.map_or(0, |status| status.counters.dropped_set_count),
+        messages_refused: line.map_or(0, |line| line.refused_count),
+        transform_latency: status.and_then(|status| status.latency),
+    }
+}
+
+/// Estimated minus true pose.
+#[derive(Clone, Copy, Debug)]
+struct Errors {
+    x_m: f64,
+    y_m: f64,
+    position_m: f64,
+    angle_rad: f64,
+}
+
+fn errors(pose: &Se2<Ref, Node>, truth: &Se2<Ref, Node>) -> Errors {
+    let away_m = pose.translation_m() - truth.translation_m();
+    let angle_rad = wrap_angle(pose.heading_rad() - truth.heading_rad());
+    Errors { x_m: away_m.x, y_m: away_m.y, position_m: away_m.norm(), angle_rad }
+}
+
+impl Errors {
+    fn normalised(&self, covariance: &[[f64; 3]; 3]) -> Option<f64> {
+        let matrix = nalgebra::Matrix3::from_fn(|row, column| covariance[row][column]);
+        let error = nalgebra::Vector3::new(self.x_m, self.y_m, self.angle_rad);
+        Some(error.dot(&(matrix.try_inverse()? * error)))
+    }
+}
+
+fn outcome(outcome: Option<&Outcome>) -> (String, Option<String>) {
+    let (name, missing) = match outcome {
+        None => ("unknown", None),
+        Some(Outcome::Reference) => ("reference", None),
+        Some(Outcome::Determined) => ("determined", None),
+        Some(Outcome::Ambiguous { rivals }) => {
+            ("ambiguous", Some(format!("{} other poses fit as well", rivals.len())))
+        }
+        Some(Outcome::Underdetermined { missing }) => ("underdetermined", Some(missing.clone())),
+    };
+    (name.to_owned(), missing)
+}
+
+fn state(state: NodeState) -> &'static str {
+    match state {
+        NodeState::Live => "live",
+        NodeState::Unregistered => "unregistered",
+        NodeState::ClockUnknown => "clock unknown",
+        NodeState::Silent => "silent",
+    }
+}
