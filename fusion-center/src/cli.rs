@@ -76,17 +76,15 @@ enum Action {
 }
 
 /// Runs the program with these arguments, the first of which is its name.
-pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    process::main(arguments, async |arguments: Arguments, stop| {
+pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    process::main(words, async |arguments: Arguments, stop| {
         let config = arguments.configuration()?;
         if arguments.flags.print_config {
             return process::print(&toml::to_string(&config)?);
         }
         match arguments.action {
             None => service::run(config, stop).await,
-            Some(Action::Recalibrate { node }) => {
-                send(config, Command::Recalibrate { node }).await
-            }
+            Some(Action::Recalibrate { node }) => send(config, Command::Recalibrate { node }).await,
         }
     })
 }
@@ -117,7 +115,8 @@ impl Arguments {
             Some(SolverFlag::Default) => SolverKind::Default,
             Some(SolverFlag::Swarm) => SolverKind::Swarm,
         };
-        let file = self.config.as_deref().map_or("command line".into(), |file| file.display().to_string());
+        let file =
+            self.config.as_deref().map_or("command line".into(), |file| file.display().to_string());
         config.check().with_context(|| format!("configuration ({file})"))?;
         Ok(config)
     }

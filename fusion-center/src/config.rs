@@ -62,7 +62,8 @@ impl Default for CentreConfig {
         let name = |text: &str| text.to_owned();
         Self {
             site: SiteId::try_from(name("site")).unwrap_or_else(|_| unreachable!("a valid name")),
-            reference: NodeId::try_from(name("n1")).unwrap_or_else(|_| unreachable!("a valid name")),
+            reference: NodeId::try_from(name("n1"))
+                .unwrap_or_else(|_| unreachable!("a valid name")),
             bus: BusConfig::router(),
             gather: GatherConfig::default(),
             solver: SolverConfig::default(),

@@ -79,8 +79,8 @@ enum SourceFlag {
 }
 
 /// Runs the program with these arguments, the first of which is its name.
-pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    process::main(arguments, async |arguments: Arguments, stop| {
+pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    process::main(words, async |arguments: Arguments, stop| {
         let config = arguments.configuration()?;
         if arguments.flags.print_config {
             return process::print(&toml::to_string(&config)?);

@@ -10,9 +10,7 @@ use thiserror::Error;
 use crate::group::GroupConfig;
 use crate::pipeline::ChainConfig;
 use crate::simulate::Radar;
-use crate::source::{
-    Replay, ReplayConfig, Simulated, SimulatedConfig, SourceError, SweepSource,
-};
+use crate::source::{Replay, ReplayConfig, Simulated, SimulatedConfig, SourceError, SweepSource};
 
 /// A setting that makes no sense.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]

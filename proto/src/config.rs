@@ -13,7 +13,9 @@ const MAX_FILE_BYTES: u64 = 1 << 20;
 #[derive(Debug, Error)]
 pub enum ConfigError {
     /// The file is not there or may not be read.
-    #[error("reading configuration {path}: {source}; give an existing file or leave it out for the defaults")]
+    #[error(
+        "reading configuration {path}: {source}; give an existing file or leave it out for the defaults"
+    )]
     Unreadable {
         /// Which file.
         path: PathBuf,
@@ -21,7 +23,9 @@ pub enum ConfigError {
         source: std::io::Error,
     },
     /// The file is larger than any configuration.
-    #[error("configuration {path} has {bytes} bytes, more than {MAX_FILE_BYTES}: is it the right file?")]
+    #[error(
+        "configuration {path} has {bytes} bytes, more than {MAX_FILE_BYTES}: is it the right file?"
+    )]
     TooLarge {
         /// Which file.
         path: PathBuf,
@@ -84,7 +88,8 @@ where
     T: Serialize + DeserializeOwned,
 {
     settings.iter().try_fold(config, |config, setting| {
-        changed(&config, setting).map_err(|detail| InvalidSetting { setting: setting.clone(), detail })
+        changed(&config, setting)
+            .map_err(|detail| InvalidSetting { setting: setting.clone(), detail })
     })
 }
 
@@ -94,7 +99,7 @@ fn changed<T: Serialize + DeserializeOwned>(config: &T, setting: &str) -> Result
     let value = value.ok().and_then(|mut table| table.remove("value"));
     let value = value.unwrap_or_else(|| toml::Value::String(text.to_owned()));
     let mut root = toml::Table::try_from(config).map_err(|error| error.to_string())?;
-    let (parents, key) = path.rsplit_once('.').map_or((None, path), |(p, key)| (Some(p), key));
+    let (parents, key) = path.rsplit_once('.').map_or((None, path), |(p, last)| (Some(p), last));
     let mut table = &mut root;
     for parent in parents.iter().flat_map(|parents| parents.split('.')) {
         let inner = table.entry(parent).or_insert_with(|| toml::Table::new().into());

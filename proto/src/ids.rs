@@ -11,7 +11,9 @@ pub const MAX_NAME_LENGTH: usize = 32;
 
 /// Why a text is not a name.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[error("{text:?} is not a name: use 1 to {MAX_NAME_LENGTH} of a-z, 0-9 and '-', starting with a letter or digit")]
+#[error(
+    "{text:?} is not a name: use 1 to {MAX_NAME_LENGTH} of a-z, 0-9 and '-', starting with a letter or digit"
+)]
 pub struct InvalidName {
     /// The text as given, cut to a readable length.
     pub text: String,
@@ -22,7 +24,11 @@ fn checked_name(text: &str) -> Result<String, InvalidName> {
     let good = (1..=MAX_NAME_LENGTH).contains(&text.len())
         && text.chars().all(allowed)
         && !text.starts_with('-');
-    if good { Ok(text.to_owned()) } else { Err(InvalidName { text: text.chars().take(40).collect() }) }
+    if good {
+        Ok(text.to_owned())
+    } else {
+        Err(InvalidName { text: text.chars().take(40).collect() })
+    }
 }
 
 macro_rules! name {

@@ -201,7 +201,11 @@ mod tests {
             assert_eq!(keys().parse(&key), Ok(topic.clone()));
             for (_, other) in topics() {
                 let expected = other == pattern;
-                assert_eq!(covers(&keys().expression(&other), &key), expected, "{topic:?} {other:?}");
+                assert_eq!(
+                    covers(&keys().expression(&other), &key),
+                    expected,
+                    "{topic:?} {other:?}"
+                );
             }
         }
     }

@@ -84,8 +84,7 @@ fn start_logging(flags: &Flags) -> anyhow::Result<()> {
     let filter = EnvFilter::try_new(&flags.log)
         .with_context(|| format!("--log {:?}: use for example info,zenoh=error", flags.log))?;
     let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    let started =
-        if flags.log_json { subscriber.json().try_init() } else { subscriber.try_init() };
+    let started = if flags.log_json { subscriber.json().try_init() } else { subscriber.try_init() };
     started.map_err(|error| anyhow::anyhow!("starting the log: {error}"))
 }
 

@@ -23,6 +23,7 @@ pub struct InvalidRadar {
     pub remedy: &'static str,
 }
 
+#[expect(clippy::fn_params_excessive_bools, reason = "reads like an assertion")]
 fn require(
     good: bool,
     field: &'static str,
@@ -76,10 +77,20 @@ impl Band {
     /// Names the first field that makes no sense.
     pub fn check(&self) -> Result<(), InvalidRadar> {
         let positive = |hz: f64| hz.is_finite() && 0.0 < hz;
-        require(positive(self.start_hz), "band.start_hz", self.start_hz, "use a positive frequency")?;
+        require(
+            positive(self.start_hz),
+            "band.start_hz",
+            self.start_hz,
+            "use a positive frequency",
+        )?;
         require(positive(self.step_hz), "band.step_hz", self.step_hz, "use a positive step")?;
         let counts = 2..=MAX_STEP_COUNT;
-        require(counts.contains(&self.step_count), "band.step_count", self.step_count, "use 2 to 65536")
+        require(
+            counts.contains(&self.step_count),
+            "band.step_count",
+            self.step_count,
+            "use 2 to 65536",
+        )
     }
 }
 
@@ -115,8 +126,11 @@ impl Array {
     /// `x`: the σ_x of the bound on direction.
     #[must_use]
     pub fn aperture_sigma_m(&self) -> f64 {
-        let virtual_x_m: Vec<f64> =
-            self.tx_m.iter().flat_map(|t| self.rx_m.iter().map(move |r| 0.5 * (t[0] + r[0]))).collect();
+        let virtual_x_m: Vec<f64> = self
+            .tx_m
+            .iter()
+            .flat_map(|t| self.rx_m.iter().map(move |r| 0.5 * (t[0] + r[0])))
+            .collect();
         let count = virtual_x_m.len() as f64;
         let mean = virtual_x_m.iter().sum::<f64>() / count;
         (virtual_x_m.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count).sqrt()
@@ -130,7 +144,12 @@ impl Array {
         for (field, antennas) in [("array.tx_m", &self.tx_m), ("array.rx_m", &self.rx_m)] {
             require((1..=64).contains(&antennas.len()), field, antennas, "list 1 to 64 antennas")?;
             let finite = antennas.iter().flatten().all(|m| m.is_finite() && m.abs() < 100.0);
-            require(finite, field, antennas, "use [x, y] in metres within 100 m of the array centre")?;
+            require(
+                finite,
+                field,
+                antennas,
+                "use [x, y] in metres within 100 m of the array centre",
+            )?;
         }
         require(0.0 < self.aperture_sigma_m(), "array", &self.rx_m, "spread the antennas along x")
     }
@@ -191,7 +210,12 @@ impl Grid {
         let fits = |n: usize| (2..=MAX_PIXEL_COUNT).contains(&n);
         require(fits(self.column_count), "grid.column_count", self.column_count, "use 2 or more")?;
         let pixels = self.column_count.saturating_mul(self.row_count);
-        require(2 <= self.row_count && fits(pixels), "grid.row_count", self.row_count, "use 2 or more, and at most 2^24 pixels in all")
+        require(
+            2 <= self.row_count && fits(pixels),
+            "grid.row_count",
+            self.row_count,
+            "use 2 or more, and at most 2^24 pixels in all",
+        )
     }
 }
 

@@ -26,12 +26,11 @@ pub struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Action {
     /// Run a scenario: the centre and one process per node, to the end; then score.
-    Run(RunFlags),
+    Run(Box<RunFlags>),
     /// List the scenarios that come with the program.
     List {
-        /// Print JSON.
-        #[arg(long)]
-        json: bool,
+        #[command(flatten)]
+        format: Format,
     },
 }
 
@@ -67,15 +66,36 @@ struct RunFlags {
     /// Take node-agent and fusion-center from this folder.
     #[arg(long, value_name = "FOLDER")]
     programs: Option<PathBuf>,
-    /// Print one JSON object instead of tables.
+    #[command(flatten)]
+    format: Format,
+}
+
+/// How results are printed.
+#[derive(Clone, Copy, Debug, clap::Args)]
+struct Format {
+    /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the program with these arguments, the first of which is its name.
-pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    process::main(arguments, async |arguments: Arguments, stop| match &arguments.action {
-        Action::List { json } => list(*json),
+/// Runs the program that this process was started as. Under the name of an agent or the centre it
+/// is that program: so one build has everything that a run launches, and nothing that it launches
+/// is ever out of date.
+#[must_use]
+pub fn main_by_name() -> ExitCode {
+    let words: Vec<OsString> = std::env::args_os().collect();
+    let name = words.first().and_then(|word| Path::new(word).file_name());
+    match name.and_then(|name| name.to_str()) {
+        Some("node-agent") => node_agent::cli::main(words),
+        Some("fusion-center") => fusion_center::cli::main(words),
+        _ => main(words),
+    }
+}
+
+/// Runs the harness with these arguments, the first of which is its name.
+pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    process::main(words, async |arguments: Arguments, stop| match &arguments.action {
+        Action::List { format } => list(*format),
         Action::Run(flags) => run_all(flags, arguments.process.log_filter(), &stop).await,
     })
 }
@@ -86,9 +106,9 @@ impl process::HasFlags for Arguments {
     }
 }
 
-fn list(json: bool) -> anyhow::Result<()> {
+fn list(format: Format) -> anyhow::Result<()> {
     let scenarios = shipped()?;
-    if json {
+    if format.json {
         return process::print(&format!("{}\n", serde_json::to_string_pretty(&scenarios)?));
     }
     let lines = scenarios.iter().map(|s| format!("{:10} {}\n", s.name, s.title));
@@ -110,31 +130,31 @@ async fn run_all(
         let options = Options { folder: &folder, programs: flags.programs.as_deref(), log_filter };
         let report = run(Scenario { seed, ..scenario.clone() }, &options, stop).await?;
         report.write()?;
-        if !flags.json {
+        if !flags.format.json {
             process::print(&report.table())?;
         }
         reports.push(report);
     }
     let needed_share = scenario.bounds.seed_share;
     let success = if flags.seeds == 1 {
-        reports.first().map(|report| print_one(report, flags.json)).transpose()?.unwrap_or(false)
+        reports.first().map(|report| print_one(report, flags.format)).transpose()?.unwrap_or(false)
     } else {
-        print_many(Summary::new(reports, needed_share), &folder, flags.json)?
+        print_many(Summary::new(reports, needed_share), &folder, flags.format)?
     };
     ensure!(success, "not every node that can be registered was registered within the bounds");
     Ok(())
 }
 
-fn print_one(report: &Report, json: bool) -> anyhow::Result<bool> {
-    if json {
+fn print_one(report: &Report, format: Format) -> anyhow::Result<bool> {
+    if format.json {
         process::print(&format!("{}\n", serde_json::to_string(report)?))?;
     }
     Ok(report.success)
 }
 
-fn print_many(summary: Summary, folder: &Path, json: bool) -> anyhow::Result<bool> {
+fn print_many(summary: Summary, folder: &Path, format: Format) -> anyhow::Result<bool> {
     std::fs::write(folder.join("summary.json"), serde_json::to_string_pretty(&summary)?)?;
-    let text = if json { serde_json::to_string(&summary)? + "\n" } else { summary.line() };
+    let text = if format.json { serde_json::to_string(&summary)? + "\n" } else { summary.line() };
     process::print(&text)?;
     Ok(summary.success)
 }

@@ -72,7 +72,10 @@ pub(crate) fn after(report: &Report, points: &NodePoints) -> anyhow::Result<Stri
             truth: Some(node.truth.into()),
         }
     });
-    draw(&format!("{}: after registration, frame of {}", report.scenario, report.reference), &layers)
+    draw(
+        &format!("{}: after registration, frame of {}", report.scenario, report.reference),
+        &layers,
+    )
 }
 
 fn layers(report: &Report, layer: impl Fn(usize) -> Layer) -> Vec<Layer> {

@@ -93,7 +93,9 @@ impl Processes {
     pub(crate) fn ended(&mut self) -> Vec<(String, String)> {
         let mut ended = Vec::new();
         for (who, running) in &mut self.running {
-            if !running.has_ended && let Ok(Some(status)) = running.child.try_wait() {
+            if !running.has_ended
+                && let Ok(Some(status)) = running.child.try_wait()
+            {
                 running.has_ended = true;
                 ended.push((who.clone(), status.to_string()));
             }
@@ -121,13 +123,11 @@ impl Processes {
         }
         let deadline = tokio::time::Instant::now() + STOP_LIMIT;
         for (who, running) in &mut self.running {
-            let waited = tokio::time::timeout_at(deadline, running.child.wait()).await;
-            if waited.is_err() {
-                tracing::warn!(who, "did not stop in time: killed");
-                if let Err(error) = running.child.kill().await {
-                    tracing::warn!(who, %error, "could not be killed");
-                }
+            if tokio::time::timeout_at(deadline, running.child.wait()).await.is_ok() {
+                continue;
             }
+            let killed = running.child.kill().await;
+            tracing::warn!(who, ?killed, "did not stop in time: killed");
         }
         // The links point into this machine; the run's folder may travel.
         drop(std::fs::remove_dir_all(self.folder.join("bin")));

@@ -46,7 +46,9 @@ impl Report {
             .scenario
             .nodes
             .iter()
-            .map(|node| score(&plan.scenario, node, observer.nodes.get(&node.id).unwrap_or(&unseen)))
+            .map(|node| {
+                score(&plan.scenario, node, observer.nodes.get(&node.id).unwrap_or(&unseen))
+            })
             .collect();
         let solver = observer.nodes.values().filter_map(|seen| seen.registration.as_ref());
         let solver = solver.map(|r| r.solver.clone()).find(|name| !name.is_empty());
@@ -81,7 +83,13 @@ impl Report {
     pub(crate) fn table(&self) -> String {
         let mut table = Table::new();
         table.load_style(UTF8_HORIZONTAL_ONLY).set_header([
-            "node", "pose in reference frame", "truth", "error", "one sigma", "periods", "solve",
+            "node",
+            "pose in reference frame",
+            "truth",
+            "error",
+            "one sigma",
+            "periods",
+            "solve",
             "outcome",
         ]);
         for node in &self.nodes {

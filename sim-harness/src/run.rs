@@ -160,13 +160,16 @@ impl Stage<'_> {
             self.progress.show(&self.plan.scenario, &self.observer);
             if self.all(|seen| seen.has_finished() || seen.is_silent()) {
                 let finished_at = *finished_at.get_or_insert_with(Instant::now);
-                let settled = self.all(|seen| seen.is_settled() || seen.is_silent());
-                if settled || finished_at + SETTLE_LIMIT < Instant::now() {
+                if self.is_settled() || finished_at + SETTLE_LIMIT < Instant::now() {
                     return Ok(());
                 }
             }
             self.check_deadline()?;
         }
+    }
+
+    fn is_settled(&self) -> bool {
+        self.all(|seen| seen.is_settled() || seen.is_silent())
     }
 
     fn all(&self, mut condition: impl FnMut(&crate::observe::Seen) -> bool) -> bool {

@@ -91,13 +91,20 @@ pub struct NodeBounds {
     pub position_m: f64,
     /// Largest angle error, degrees.
     pub angle_deg: f64,
+    /// The node need not be registered; if it is, the bounds hold.
+    #[serde(default)]
+    pub is_optional: bool,
 }
 
 impl Bounds {
     /// The bounds of one node.
     #[must_use]
     pub fn of(&self, node: &NodeId) -> NodeBounds {
-        let common = NodeBounds { position_m: self.position_m, angle_deg: self.angle_deg };
+        let common = NodeBounds {
+            position_m: self.position_m,
+            angle_deg: self.angle_deg,
+            is_optional: false,
+        };
         self.node.get(node).copied().unwrap_or(common)
     }
 }

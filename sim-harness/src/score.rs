@@ -53,8 +53,10 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
     let pose: Option<Se2<Ref, Node>> = transform.map(|t| t.pose_ref_from_node.into());
     let errors = pose.map(|pose| errors(&pose, &truth));
     let bounds = scenario.bounds.of(&node.id);
-    let within_bounds = errors.is_some_and(|errors| {
-        errors.position_m <= bounds.position_m && errors.angle_rad.abs().to_degrees() <= bounds.angle_deg
+    let was_killed = scenario.kills.iter().any(|kill| kill.who == node.id.as_str());
+    let within_bounds = errors.map_or(bounds.is_optional || was_killed, |errors| {
+        let angle_deg = errors.angle_rad.abs().to_degrees();
+        errors.position_m <= bounds.position_m && angle_deg <= bounds.angle_deg
     });
     let evidence = registration.map_or_else(Evidence::default, |r| r.evidence);
     let covariance = transform.filter(|_| !is_reference).map(|t| t.covariance);

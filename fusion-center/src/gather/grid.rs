@@ -13,6 +13,15 @@ pub(super) enum Placed {
     PhaseChanged,
 }
 
+/// Whose set is placed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Speaker {
+    /// The reference node, which leads the phase.
+    Reference,
+    /// Any other node.
+    Other,
+}
+
 /// One period whose time is known; all others follow from it.
 #[derive(Clone, Copy, Debug)]
 struct Anchor {
@@ -37,7 +46,8 @@ impl Grid {
     /// Tells the grid of a set. Until the reference node speaks, the first set of anybody gives
     /// the phase; then each of the reference's sets moves it, so that a reference clock that runs
     /// fast or slow never drifts over the edge of a period.
-    pub(super) fn place(&mut self, time: CentreTime, is_reference: bool) -> Placed {
+    pub(super) fn place(&mut self, time: CentreTime, speaker: Speaker) -> Placed {
+        let is_reference = speaker == Speaker::Reference;
         let Some(anchor) = self.anchor else {
             self.anchor = Some(Anchor { period: 0, middle: time, is_reference });
             return Placed::PhaseKept;
@@ -66,6 +76,7 @@ impl Grid {
 
 #[cfg(test)]
 mod tests {
+    use super::Speaker::{Other, Reference};
     use super::*;
 
     fn ms(value: i64) -> CentreTime {
@@ -75,7 +86,7 @@ mod tests {
     #[test]
     fn periods_reach_half_a_period_to_both_sides() {
         let mut grid = Grid::new(Duration::from_millis(100));
-        assert_eq!(grid.place(ms(1000), true), Placed::PhaseKept);
+        assert_eq!(grid.place(ms(1000), Reference), Placed::PhaseKept);
         for (at, period) in [(950, 0), (949, -1), (1049, 0), (1050, 1), (800, -2), (1200, 2)] {
             assert_eq!(grid.period(ms(at)), period, "{at} ms");
         }
@@ -87,7 +98,7 @@ mod tests {
         // 1 % fast: after 100 periods a fixed grid would be a whole period off.
         let mut grid = Grid::new(Duration::from_millis(100));
         for k in 0..300 {
-            grid.place(ms(101 * k), true);
+            grid.place(ms(101 * k), Reference);
             assert_eq!(grid.period(ms(101 * k)), k);
         }
     }
@@ -95,12 +106,16 @@ mod tests {
     #[test]
     fn the_reference_takes_the_phase_over_once() {
         let mut grid = Grid::new(Duration::from_millis(100));
-        grid.place(ms(0), false);
-        assert_eq!(grid.place(ms(140), false), Placed::PhaseKept);
-        assert_eq!(grid.place(ms(240), true), Placed::PhaseChanged);
+        grid.place(ms(0), Other);
+        assert_eq!(grid.place(ms(140), Other), Placed::PhaseKept);
+        assert_eq!(grid.place(ms(240), Reference), Placed::PhaseChanged);
         assert_eq!((grid.period(ms(240)), grid.middle(2)), (2, ms(240)));
-        assert_eq!(grid.place(ms(340), true), Placed::PhaseKept);
-        assert_eq!(grid.place(ms(290), true), Placed::PhaseKept, "late sets do not turn it back");
+        assert_eq!(grid.place(ms(340), Reference), Placed::PhaseKept);
+        assert_eq!(
+            grid.place(ms(290), Reference),
+            Placed::PhaseKept,
+            "late sets do not turn it back"
+        );
         assert_eq!(grid.middle(3), ms(340));
     }
 }

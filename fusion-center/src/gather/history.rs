@@ -56,19 +56,15 @@ pub struct KeptSet {
 impl KeptSet {
     /// What is kept of `set`, measured at `time`.
     #[must_use]
-    pub fn new(
-        time: CentreTime,
-        arrival: CentreTime,
-        for_registration: bool,
-        set: &Received<PointSet>,
-    ) -> Self {
+    pub fn new(time: CentreTime, arrival: CentreTime, set: &Received<PointSet>) -> Self {
         let PointSet { half_depth_m, half_depth_sigma_m, points, .. } = &set.body;
         let points = points.iter().map(|point| KeptPoint {
             position: point.middle(*half_depth_m, *half_depth_sigma_m),
             snr_db: point.snr_db,
         });
         let (boot, sequence) = (set.stamp.boot, set.stamp.sequence);
-        Self { boot, sequence, time, arrival, for_registration, points: points.collect() }
+        let points = points.collect();
+        Self { boot, sequence, time, arrival, for_registration: true, points }
     }
 }
 
@@ -182,7 +178,8 @@ impl NodeHistory {
         if self.window_count + SEQUENCE_MEMORY < self.seen.len() {
             self.seen.pop_first();
         }
-        self.first_sequence = Some(self.first_sequence.map_or(sequence, |first| first.min(sequence)));
+        self.first_sequence =
+            Some(self.first_sequence.map_or(sequence, |first| first.min(sequence)));
         self.next_sequence = self.next_sequence.max(sequence.saturating_add(1));
         self.received_count += 1;
         true

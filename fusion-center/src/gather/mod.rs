@@ -18,7 +18,7 @@ use proto::wire::{PointSet, Received};
 pub use history::{KeptSet, Life, NodeHistory};
 
 use crate::config::GatherConfig;
-use grid::Grid;
+use grid::{Grid, Placed, Speaker};
 
 /// How far ahead of its arrival a set may say it was measured: clocks of a site part by
 /// milliseconds, so this much is a broken clock, and believing it would let one node move the
@@ -125,6 +125,7 @@ impl Gather {
 
     fn place(&mut self, node: &NodeId, arrival: CentreTime, set: Received<PointSet>) -> Offer {
         let is_reference = *node == self.reference;
+        let speaker = if is_reference { Speaker::Reference } else { Speaker::Other };
         let Some(history) = self.nodes.get_mut(node) else { return Offer::TooManyNodes };
         let Some(clock) = history.clock else {
             history.wait_for_clock(arrival, set);
@@ -135,14 +136,14 @@ impl Gather {
             history.late_count += 1;
             return Offer::FromTheFuture;
         }
-        if self.grid.place(time, is_reference) == grid::Placed::PhaseChanged {
+        if self.grid.place(time, speaker) == Placed::PhaseChanged {
             self.nodes.values_mut().for_each(|other| other.place_anew(&self.grid));
         }
         let period = self.grid.period(time);
-        let Some(history) = self.nodes.get_mut(node) else { return Offer::TooManyNodes };
         let max_error_ns = Duration::from_secs_f64(self.config.max_clock_error_s).as_nanos();
         let for_registration = u128::from(clock.error_ns) <= max_error_ns;
-        history.keep(period, KeptSet::new(time, arrival, for_registration, &set))
+        let kept = KeptSet { for_registration, ..KeptSet::new(time, arrival, &set) };
+        self.nodes.get_mut(node).map_or(Offer::TooManyNodes, |placed| placed.keep(period, kept))
     }
 
     /// Whether the node was heard within the limit.
@@ -164,9 +165,10 @@ impl Gather {
     }
 
     fn is_complete(&self, now: CentreTime, period: i64) -> bool {
-        let mut awaited = self.nodes.values().filter(|history| {
-            self.is_heard(now, history) && history.clock.is_some()
-        });
+        let mut awaited = self
+            .nodes
+            .values()
+            .filter(|history| self.is_heard(now, history) && history.clock.is_some());
         awaited.all(|history| history.newest_period().is_some_and(|newest| period <= newest))
     }
 

@@ -100,7 +100,9 @@ pub(super) fn read(keys: &Keys, delivery: &Delivery) -> Result<Inbound, Refused>
         _ => return Ok(Inbound::Nothing),
     };
     let result = match &topic {
-        Topic::Points(node) => of_node(bytes, node, |set: &PointSet| &set.node).map(Inbound::Points),
+        Topic::Points(node) => {
+            of_node(bytes, node, |set: &PointSet| &set.node).map(Inbound::Points)
+        }
         Topic::Status(node) => {
             of_node(bytes, node, |status: &NodeStatus| &status.node).map(Inbound::Status)
         }

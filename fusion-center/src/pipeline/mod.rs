@@ -157,12 +157,12 @@ impl Centre {
         info!(?command, "operator");
         let Command::Recalibrate { node } = command;
         let named: Vec<NodeId> = match node {
-            Some(node) => vec![node.clone()],
-            None => self.gather.nodes().map(|(node, _)| node.clone()).collect(),
+            Some(one) => vec![one.clone()],
+            None => self.gather.nodes().map(|(each, _)| each.clone()).collect(),
         };
-        for node in &named {
-            self.gather.forget(node);
-            self.poses.doubt(node);
+        for each in &named {
+            self.gather.forget(each);
+            self.poses.doubt(each);
         }
         self.publish_transforms(now, &named);
     }

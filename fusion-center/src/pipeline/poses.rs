@@ -102,8 +102,8 @@ impl Poses {
     /// What to solve now that `node` has sets in `periods`: each pair with the reference node that
     /// this completed. A node whose last job is still being solved is solved again afterwards.
     pub(super) fn jobs(&mut self, gather: &Gather, node: &NodeId, periods: &[i64]) -> Vec<Job> {
-        let has_any = |node: &NodeId| {
-            let sets = gather.node(node).map(NodeHistory::sets);
+        let has_any = |one: &NodeId| {
+            let sets = gather.node(one).map(NodeHistory::sets);
             sets.is_some_and(|sets| periods.iter().any(|period| sets.contains_key(period)))
         };
         let others: Vec<NodeId> = if *node == self.reference {

@@ -76,11 +76,7 @@ pub async fn serve(
         };
         for effect in centre.step(clock.now(), event) {
             match effect {
-                Effect::Publish(topic, bytes) => {
-                    if let Err(failure) = bus.publish(&topic, bytes).await {
-                        warn!(%failure, "not published");
-                    }
-                }
+                Effect::Publish(topic, bytes) => publish(bus, &topic, bytes).await,
                 Effect::Solve(job) => start(Arc::clone(&solver), *job, solved_sender.clone()),
             }
         }
@@ -91,6 +87,12 @@ pub async fn serve(
         }
     }
     info!("centre stops");
+}
+
+async fn publish(bus: &impl Bus, topic: &Topic, bytes: Vec<u8>) {
+    if let Err(failure) = bus.publish(topic, bytes).await {
+        warn!(%failure, "not published");
+    }
 }
 
 fn start(solver: Arc<dyn Solver>, job: Job, done: mpsc::Sender<Box<Solved>>) {

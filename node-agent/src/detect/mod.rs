@@ -48,15 +48,15 @@ pub enum Threshold {
     /// Above the noise.
     Noise {
         /// Power over the noise power of a pixel.
-        power_ratio: f32,
+        power_ratio: f64,
         /// Coherence factor.
-        min_coherence: f32,
+        min_coherence: f64,
     },
     /// Above a fraction of the largest amplitude of the image, as the seed has it: finds weak
     /// targets only if there is no strong one, and always finds something.
     Relative {
         /// The fraction, 0 to 1.
-        fraction: f32,
+        fraction: f64,
     },
 }
 

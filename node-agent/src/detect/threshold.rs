@@ -85,13 +85,17 @@ impl Gate {
         let noise = image.channel_count as f32 * noise_power;
         match threshold {
             Threshold::Noise { power_ratio, min_coherence } => Self {
-                min_power: power_ratio * noise,
-                min_coherence: *min_coherence,
+                min_power: single(*power_ratio) * noise,
+                min_coherence: single(*min_coherence),
                 min_amplitude: 0.0,
             },
             Threshold::Relative { fraction } => {
                 let largest = amplitude.iter().fold(0.0, |a: f32, b| a.max(*b));
-                Self { min_power: 0.0, min_coherence: 0.0, min_amplitude: fraction * largest }
+                Self {
+                    min_power: 0.0,
+                    min_coherence: 0.0,
+                    min_amplitude: single(*fraction) * largest,
+                }
             }
         }
     }

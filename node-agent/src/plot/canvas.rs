@@ -79,7 +79,10 @@ impl DrawTarget for Canvas {
     type Color = Rgb888;
     type Error = Infallible;
 
-    fn draw_iter<I: IntoIterator<Item = Dot<Rgb888>>>(&mut self, dots: I) -> Result<(), Infallible> {
+    fn draw_iter<I: IntoIterator<Item = Dot<Rgb888>>>(
+        &mut self,
+        dots: I,
+    ) -> Result<(), Infallible> {
         for Dot(at, color) in dots {
             self.set(at, color);
         }

@@ -170,12 +170,16 @@ fn draw_scale(canvas: &mut Canvas, frame: &Frame) {
     for y in 0..frame.height {
         let share = 1.0 - f64::from(y) / f64::from(frame.height);
         for x in 0..BAR_WIDTH {
-            canvas.set(Pixel::new(left + x.cast_signed(), MARGIN_TOP + y.cast_signed()), shade(share));
+            canvas.set(
+                Pixel::new(left + x.cast_signed(), MARGIN_TOP + y.cast_signed()),
+                shade(share),
+            );
         }
     }
     let right = left + BAR_WIDTH.cast_signed() + 6;
     for tick in 0..=3 {
-        let db = FLOOR_DB * f64::from(tick) / 3.0;
+        let db = -(FLOOR_DB.abs() * f64::from(tick) / 3.0).round();
+        let db = if tick == 0 { 0.0 } else { db };
         let y = MARGIN_TOP + to_i32(f64::from(frame.height) * f64::from(tick) / 3.0);
         canvas.text(&format!("{db:.0} dB"), Pixel::new(right, y), Anchor::Left);
     }
@@ -207,7 +211,8 @@ mod tests {
 
     #[test]
     fn a_bright_pixel_shows_where_it_is() {
-        let grid = Grid { x_min_m: -2.0, y_min_m: 0.0, pixel_m: 1.0, column_count: 5, row_count: 5 };
+        let grid =
+            Grid { x_min_m: -2.0, y_min_m: 0.0, pixel_m: 1.0, column_count: 5, row_count: 5 };
         let mut amplitude = vec![0.0; 25];
         amplitude[3 * 5 + 1] = 2.0; // x = -1 m, y = 3 m
         let picture = Picture { title: "t".to_owned(), grid, amplitude: &amplitude, points: &[] };

@@ -6,9 +6,7 @@ use proto::bus::{BusEvent, Delivery};
 use proto::ids::BootId;
 use proto::keys::{Keys, Topic};
 use proto::time::{ClockEstimate, ClockFilter, Exchange};
-use proto::wire::{
-    ClockAnswer, LatencyReport, Outcome, Received, Refusal, Registration, decode,
-};
+use proto::wire::{ClockAnswer, LatencyReport, Outcome, Received, Refusal, Registration, decode};
 use tokio::sync::{mpsc, watch};
 use tracing::{info, warn};
 
@@ -92,7 +90,8 @@ impl Downlink {
             }
             _ => {}
         }
-        self.heard.send_replace(Heard { transform_epoch: epoch.or(before), latency: latencies.report() });
+        self.heard
+            .send_replace(Heard { transform_epoch: epoch.or(before), latency: latencies.report() });
     }
 }
 
@@ -116,7 +115,12 @@ impl Latencies {
         sorted.sort_by(f64::total_cmp);
         let last = sorted.len().checked_sub(1)?;
         let at = |hundredths: usize| sorted[(last * hundredths).div_ceil(100)];
-        Some(LatencyReport { count: self.count, p50_ms: at(50), p99_ms: at(99), max_ms: sorted[last] })
+        Some(LatencyReport {
+            count: self.count,
+            p50_ms: at(50),
+            p99_ms: at(99),
+            max_ms: sorted[last],
+        })
     }
 }
 

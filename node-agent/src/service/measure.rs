@@ -84,7 +84,8 @@ impl Measure {
     }
 
     fn is_worth_measuring(&self, due: NodeTime) -> bool {
-        self.clock.now().0.saturating_sub(due.0) <= u64::try_from(LATE_LIMIT.as_nanos()).unwrap_or(u64::MAX)
+        self.clock.now().0.saturating_sub(due.0)
+            <= u64::try_from(LATE_LIMIT.as_nanos()).unwrap_or(u64::MAX)
     }
 
     fn show_state(&self, state: SourceState) {

@@ -52,16 +52,8 @@ pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result
         dropped,
     };
     let network = tokio::spawn(network.run(set_receiver, stop.clone()));
-    let measure = Measure {
-        config,
-        clock,
-        source,
-        chain,
-        output,
-        sets,
-        progress,
-        dropped: dropped_shown,
-    };
+    let measure =
+        Measure { config, clock, source, chain, output, sets, progress, dropped: dropped_shown };
     measure.run(stop.clone()).await;
     network.await.context("the network task")?;
     Ok(())
@@ -78,11 +70,7 @@ struct Network {
 
 impl Network {
     /// Joins, serves until `stop`, leaves.
-    async fn run(
-        self,
-        sets: broadcast::Receiver<(u64, PointSet)>,
-        stop: CancellationToken,
-    ) {
+    async fn run(self, sets: broadcast::Receiver<(u64, PointSet)>, stop: CancellationToken) {
         let joined = tokio::select! {
             () = stop.cancelled() => return,
             joined = self.join() => joined,
@@ -91,8 +79,7 @@ impl Network {
         let (estimate, estimate_shown) = watch::channel(None::<ClockEstimate>);
         let (heard, heard_shown) = watch::channel(Heard::default());
         let Self { keys, sender, progress, dropped, .. } = self;
-        let downlink =
-            Downlink { keys, boot: sender.boot, clock: sender.clock, estimate, heard };
+        let downlink = Downlink { keys, boot: sender.boot, clock: sender.clock, estimate, heard };
         let reporter = sender.clone();
         let mut sending = Box::pin(uplink::send_sets(
             sender.clone(),

@@ -56,7 +56,11 @@ impl MemoryNetwork {
 
     /// Joins the network and listens to `patterns`; at most `capacity` deliveries wait.
     #[must_use]
-    pub fn join(&self, patterns: &[Pattern], capacity: usize) -> (MemoryBus, mpsc::Receiver<Delivery>) {
+    pub fn join(
+        &self,
+        patterns: &[Pattern],
+        capacity: usize,
+    ) -> (MemoryBus, mpsc::Receiver<Delivery>) {
         let (inbox, receiver) = Inbox::new(capacity);
         let inbox = Arc::new(inbox);
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
@@ -72,21 +76,26 @@ impl MemoryNetwork {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let State { random, listeners } = &mut *state;
         for (_, inbox) in listeners.iter().filter(|(expression, _)| covers(expression, key)) {
-            let copies = 1 + usize::from(random.random_bool(self.faults.duplicate_probability));
-            for _ in 0..copies {
-                let lost = random.random_bool(self.faults.loss_probability);
-                let delay = draw_delay(random, &self.faults);
-                if !lost {
-                    deliver_later(Arc::clone(inbox), key.to_owned(), bytes.to_vec(), delay);
-                }
+            for delay in self.faults.draw_deliveries(random) {
+                deliver_later(Arc::clone(inbox), key.to_owned(), bytes.to_vec(), delay);
             }
         }
     }
 }
 
-fn draw_delay(random: &mut ChaCha8Rng, faults: &Faults) -> Duration {
-    let span = faults.delay_max.saturating_sub(faults.delay_min);
-    faults.delay_min + span.mul_f64(random.random::<f64>())
+impl Faults {
+    /// When each copy of a message arrives: none if it is lost.
+    fn draw_deliveries(&self, random: &mut ChaCha8Rng) -> Vec<Duration> {
+        let span = self.delay_max.saturating_sub(self.delay_min);
+        let copies = 1 + usize::from(random.random_bool(self.duplicate_probability));
+        let drawn: Vec<(bool, Duration)> = (0..copies)
+            .map(|_| {
+                let is_lost = random.random_bool(self.loss_probability);
+                (is_lost, self.delay_min + span.mul_f64(random.random::<f64>()))
+            })
+            .collect();
+        drawn.into_iter().filter(|(is_lost, _)| !is_lost).map(|(_, delay)| delay).collect()
+    }
 }
 
 fn deliver_later(inbox: Arc<Inbox>, key: String, bytes: Vec<u8>, delay: Duration) {

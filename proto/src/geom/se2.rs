@@ -273,7 +273,8 @@ mod tests {
 
     #[test]
     fn angles_wrap_to_half_open_turn() {
-        for (angle, wrapped) in [(PI, PI), (-PI, PI), (3.0 * PI, PI), (-0.5, -0.5), (6.5, 6.5 - 2.0 * PI)]
+        for (angle, wrapped) in
+            [(PI, PI), (-PI, PI), (3.0 * PI, PI), (-0.5, -0.5), (6.5, 6.5 - 2.0 * PI)]
         {
             assert!((wrap_angle(angle) - wrapped).abs() < 1e-12, "{angle}");
         }

@@ -24,6 +24,7 @@ const SIGMA_RANGE_M: std::ops::RangeInclusive<f64> = 1e-6..=1e4;
 /// Relative asymmetry left by rounding in a matrix that was computed in f64.
 const ASYMMETRY: f64 = 1e-9;
 
+#[expect(clippy::fn_params_excessive_bools, reason = "reads like an assertion")]
 pub(super) fn require(
     good: bool,
     field: &'static str,

@@ -54,7 +54,9 @@ pub enum Refusal {
         got: [u8; 4],
     },
     /// Header or codec of another version of this software.
-    #[error("header version {header} and codec {codec}: this build reads 1 and 1; run the same version on both sides")]
+    #[error(
+        "header version {header} and codec {codec}: this build reads 1 and 1; run the same version on both sides"
+    )]
     HeaderVersion {
         /// Header version found.
         header: u8,
@@ -70,7 +72,9 @@ pub enum Refusal {
         want: Kind,
     },
     /// The payload's layout is of another version.
-    #[error("{kind:?} has schema {got}, this build reads {want}: run the same version on both sides")]
+    #[error(
+        "{kind:?} has schema {got}, this build reads {want}: run the same version on both sides"
+    )]
     Schema {
         /// Kind of the message.
         kind: Kind,

@@ -64,7 +64,13 @@ fn picture() -> Picture {
         snr_db: 9.0,
         nodes: vec![node()],
     };
-    Picture { reference: node(), period: 1, time: CentreTime(2), nodes: vec![], targets: vec![target] }
+    Picture {
+        reference: node(),
+        period: 1,
+        time: CentreTime(2),
+        nodes: vec![],
+        targets: vec![target],
+    }
 }
 
 fn hex(bytes: &[u8]) -> String {
@@ -87,10 +93,7 @@ fn the_layout_is_frozen() {
     );
     assert_eq!(hex(&encode(STAMP, &picture()).unwrap()), include_str!("golden/picture.hex").trim());
     let command = Command::Recalibrate { node: Some(node()) };
-    assert_eq!(
-        hex(&encode(STAMP, &command).unwrap()),
-        include_str!("golden/command.hex").trim()
-    );
+    assert_eq!(hex(&encode(STAMP, &command).unwrap()), include_str!("golden/command.hex").trim());
     let answer = ClockAnswer { node: node(), asked: NodeTime(1), answered: CentreTime(-2) };
     assert_eq!(
         hex(&encode(STAMP, &answer).unwrap()),
@@ -128,16 +131,18 @@ fn the_header_is_where_the_documentation_says() {
     assert_eq!(usize::from(bytes[40]) + 256 * usize::from(bytes[41]), bytes.len() - 48);
 }
 
+fn assert_returns<M: Message + PartialEq + std::fmt::Debug>(message: &M) {
+    let bytes = encode(STAMP, message).unwrap();
+    assert_eq!(decode::<M>(&bytes).unwrap().body, *message);
+}
+
 #[test]
 fn every_kind_arrives_as_it_was_sent() {
     let set = decode::<PointSet>(&encode(STAMP, &point_set()).unwrap()).unwrap();
     assert_eq!((set.stamp, set.body), (STAMP, point_set()));
-    let got = decode::<Registration>(&encode(STAMP, &registration()).unwrap()).unwrap();
-    assert_eq!(got.body, registration());
-    let got = decode::<Picture>(&encode(STAMP, &picture()).unwrap()).unwrap();
-    assert_eq!(got.body, picture());
-    let got = decode::<NodeStatus>(&encode(STAMP, &status()).unwrap()).unwrap();
-    assert_eq!(got.body, status());
+    assert_returns(&registration());
+    assert_returns(&picture());
+    assert_returns(&status());
 }
 
 #[test]

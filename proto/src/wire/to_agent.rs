@@ -2,8 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::check::{at_most, coordinate, covariance, finite, not_negative, pose_covariance, require};
 use super::check::Invalid;
+use super::check::{
+    at_most, coordinate, covariance, finite, not_negative, pose_covariance, require,
+};
 use super::codec::Message;
 use super::header::Kind;
 use crate::geom::{Node, Ref, Se2};

@@ -1,0 +1,17 @@
+//! Promise: an agent that is killed leaves the others unaffected and is shown as silent.
+
+use super::support::Run;
+
+#[test]
+fn the_others_are_unaffected_and_the_picture_names_the_silent_node() {
+    let arguments = ["office", "--speed", "2", "--periods", "26", "--kill", "n3@2"];
+    let finished = Run::new(&arguments).finish();
+    assert!(finished.output.status.success(), "{}", finished.stderr());
+    assert_eq!(finished.node("n3")["state"], "silent");
+    for node in ["n2", "n4"] {
+        let line = finished.node(node);
+        assert_eq!((&line["state"], &line["outcome"]), (&"live".into(), &"determined".into()));
+        assert_eq!(line["sets_received"], 26, "{line}");
+    }
+    assert!(finished.report["incidents"][0].as_str().unwrap().contains("n3 ended"));
+}
