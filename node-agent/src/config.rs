@@ -219,8 +219,8 @@ mod tests {
         let mut config = AgentConfig::default();
         config.play.speed = f64::NAN;
         assert!(config.check().unwrap_err().to_string().starts_with("play.speed is NaN: use"));
-        let config = AgentConfig { source: SourceKind::Recorded, ..AgentConfig::default() };
-        assert!(config.check().unwrap_err().to_string().contains("recorded.path"));
+        let no_file = AgentConfig { source: SourceKind::Recorded, ..AgentConfig::default() };
+        assert!(no_file.check().unwrap_err().to_string().contains("recorded.path"));
         assert!(toml::from_str::<AgentConfig>("[chain.band]\nstart_ghz = 1.6").is_err());
     }
 }

@@ -177,8 +177,8 @@ mod tests {
         let path = file("key.toml", "conect = []\n");
         let unknown = load::<BusConfig>(&path).unwrap_err().to_string();
         assert!(unknown.contains("conect") && unknown.contains("key.toml"), "{unknown}");
-        let path = file("large.toml", &"#".repeat(1 << 20 | 1));
-        let large = load::<BusConfig>(&path).unwrap_err().to_string();
+        let large_path = file("large.toml", &"#".repeat(1 << 20 | 1));
+        let large = load::<BusConfig>(&large_path).unwrap_err().to_string();
         assert!(large.contains("1048577"), "{large}");
     }
 

@@ -158,18 +158,15 @@ impl Stage<'_> {
                 next_sample += SAMPLE_INTERVAL;
             }
             self.progress.show(&self.plan.scenario, &self.observer);
-            if self.all(|seen| seen.has_finished() || seen.is_silent()) {
-                let finished_at = *finished_at.get_or_insert_with(Instant::now);
-                if self.is_settled() || finished_at + SETTLE_LIMIT < Instant::now() {
-                    return Ok(());
-                }
-            }
             self.check_deadline()?;
+            if !self.all(|seen| seen.has_finished() || seen.is_silent()) {
+                continue;
+            }
+            let waited = finished_at.get_or_insert_with(Instant::now).elapsed();
+            if SETTLE_LIMIT < waited || self.all(|seen| seen.is_settled() || seen.is_silent()) {
+                return Ok(());
+            }
         }
-    }
-
-    fn is_settled(&self) -> bool {
-        self.all(|seen| seen.is_settled() || seen.is_silent())
     }
 
     fn all(&self, mut condition: impl FnMut(&crate::observe::Seen) -> bool) -> bool {

@@ -316,7 +316,7 @@ fn the_clock_is_told_to_whoever_asks() {
     let answers: Vec<ClockAnswer> = effects
         .iter()
         .filter_map(|effect| match effect {
-            Effect::Publish(Topic::ClockAnswer(_), bytes) => Some(decode(bytes).unwrap().body),
+            Effect::Publish(Topic::ClockAnswer(_), told) => Some(decode(told).unwrap().body),
             _ => None,
         })
         .collect();

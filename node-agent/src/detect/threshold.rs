@@ -8,6 +8,7 @@ use std::f32::consts::LN_2;
 
 use crate::imaging::backproject::CoherentImage;
 use crate::imaging::compress::Profiles;
+use crate::imaging::single;
 
 use super::{DetectionConfig, Threshold};
 

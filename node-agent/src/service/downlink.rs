@@ -77,7 +77,7 @@ impl Downlink {
             && transform.is_some()
         {
             let now = self.clock.now().to_centre(&estimate);
-            latencies.add(now.since(sets.last_arrival).as_secs_f64() * 1e3);
+            latencies.add(sets.last_sequence, now.since(sets.last_arrival).as_secs_f64() * 1e3);
         }
         let epoch = transform.map(|transform| transform.epoch);
         let before = self.heard.borrow().transform_epoch;
@@ -99,10 +99,17 @@ impl Downlink {
 struct Latencies {
     recent_ms: VecDeque<f64>,
     count: u64,
+    timed_through: Option<u64>,
 }
 
 impl Latencies {
-    fn add(&mut self, latency_ms: f64) {
+    /// Times the transform that first rests on set number `sequence`; the same one told again,
+    /// for example after a reconnection, is not timed.
+    fn add(&mut self, sequence: u64, latency_ms: f64) {
+        if self.timed_through.is_some_and(|through| sequence <= through) {
+            return;
+        }
+        self.timed_through = Some(sequence);
         self.count += 1;
         self.recent_ms.push_back(latency_ms);
         if LATENCY_COUNT < self.recent_ms.len() {
@@ -132,8 +139,9 @@ mod tests {
     fn latencies_are_ranked() {
         let mut latencies = Latencies::default();
         assert!(latencies.report().is_none());
-        for ms in (1..=200).rev() {
-            latencies.add(f64::from(ms));
+        for sequence in 0..200 {
+            latencies.add(sequence, 200.0 - sequence as f64);
+            latencies.add(sequence, 1e6);
         }
         let report = latencies.report().unwrap();
         assert!((report.p50_ms - 101.0).abs() < 1.5 && (report.p99_ms - 199.0).abs() < 1.5);

@@ -34,16 +34,17 @@ fn a_bad_file_is_named_with_key_and_remedy() {
 
 #[test]
 fn missing_files_and_unknown_names_are_named() {
-    let said = complaint("node-agent", &["--config", "no-such.toml"]);
-    assert!(said.contains("no-such.toml"), "{said}");
-    let said = complaint("node-agent", &["--recording", "no-such.csv"]);
-    assert!(said.contains("no-such.csv"), "{said}");
-    let said = complaint("sim-harness", &["run", "atlantis"]);
-    assert!(said.contains("atlantis") && said.contains("paper"), "{said}");
-    let said = complaint("sim-harness", &["run", "recorded", "--recording", "nowhere"]);
-    assert!(said.contains("nowhere/extrinsics.json"), "{said}");
-    let said = complaint("sim-harness", &["run", "paper", "--kill", "n7@1"]);
-    assert!(said.contains("n7"), "{said}");
+    for (name, arguments, expected) in [
+        ("node-agent", &["--config", "no-such.toml"][..], "no-such.toml"),
+        ("node-agent", &["--recording", "no-such.csv"], "no-such.csv"),
+        ("node-agent", &["--set", "chain.fft_lenght=1"], "fft_lenght"),
+        ("sim-harness", &["run", "atlantis"], "neither a shipped scenario (paper"),
+        ("sim-harness", &["run", "recorded", "--recording", "nowhere"], "nowhere/extrinsics.json"),
+        ("sim-harness", &["run", "paper", "--kill", "n7@1"], "n7"),
+    ] {
+        let said = complaint(name, arguments);
+        assert!(said.contains(expected), "{arguments:?}: {said}");
+    }
 }
 
 #[test]

@@ -2,6 +2,13 @@
 //!
 //! One test binary, because each one that links the network takes its own half minute to build.
 
+#![expect(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::disallowed_methods,
+    reason = "a test's helpers fail as tests do, and deadlines of real processes are real time"
+)]
+
 mod agent_dies;
 mod centre_dies;
 mod configuration;
