@@ -157,7 +157,7 @@ fn square_around(layers: &[Layer]) -> [std::ops::Range<f64>; 2] {
         }
     }
     let known = ranges.map(|(least, most)| if least <= most { (least, most) } else { (0.0, 1.0) });
-    let half = known.iter().map(|(least, most)| 0.5 * (most - least)).fold(0.5, f64::max) * 1.1;
+    let half = known.iter().map(|(least, most)| 0.5 * (most - least)).fold(0.5, f64::max) * 1.2;
     known.map(|(least, most)| {
         let middle = 0.5 * (least + most);
         middle - half..middle + half

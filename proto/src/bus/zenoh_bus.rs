@@ -51,7 +51,7 @@ impl ZenohBus {
         let endpoints = [config.listen.as_slice(), config.connect.as_slice()].concat().join(", ");
         let session = zenoh::open(settings(config)?)
             .await
-            .map_err(|error| BusError::Open { endpoints, detail: error.to_string() })?;
+            .map_err(|error| BusError::Open { endpoints, detail: reason(&error) })?;
         let (inbox, receiver) = Inbox::new(config.inbox_count);
         let bus = Self {
             session,
@@ -172,7 +172,13 @@ fn offer_token(inbox: &Inbox, sample: &Sample) {
 }
 
 fn action(action: &'static str, key: &str, error: &zenoh::Error) -> BusError {
-    BusError::Action { action, key: key.to_owned(), detail: error.to_string() }
+    BusError::Action { action, key: key.to_owned(), detail: reason(error) }
+}
+
+/// What Zenoh says went wrong, without the place in its sources where it noticed.
+fn reason(error: &zenoh::Error) -> String {
+    let text = error.to_string();
+    text.split(" at /").next().unwrap_or(&text).to_owned()
 }
 
 /// Zenoh's configuration: every key on which documentation and behaviour are known to differ, or
@@ -205,5 +211,5 @@ fn settings(config: &BusConfig) -> Result<Config, BusError> {
         }},
     }}"#
     );
-    Config::from_json5(&text).map_err(|error| BusError::Settings { detail: error.to_string() })
+    Config::from_json5(&text).map_err(|error| BusError::Settings { detail: reason(&error) })
 }
