@@ -1,4 +1,5 @@
-//! Time per registration: the paper's scene, an office, many periods, and the particle swarm.
+//! Time per registration: the paper's scene, an office, many periods, each from nothing and from
+//! what the last solution found, and the particle swarm.
 
 use std::hint::black_box;
 
@@ -69,13 +70,17 @@ fn benches(criterion: &mut Criterion) {
         let input = problem(size);
         let solver = Pairwise::default();
         group.bench_function(format!("default/{name}"), |b| {
-            b.iter(|| solver.solve(black_box(&input)));
+            b.iter(|| solver.solve(black_box(&input), None));
+        });
+        let known = solver.solve(&input, None).known;
+        group.bench_function(format!("default_known/{name}"), |b| {
+            b.iter(|| solver.solve(black_box(&input), Some(black_box(&known))));
         });
     }
     let input = problem(&sizes[0].1);
     let swarm = Swarm::new(SwarmConfig::default(), DecisionConfig::default());
     group.sample_size(10);
-    group.bench_function("swarm/paper_8x2", |b| b.iter(|| swarm.solve(black_box(&input))));
+    group.bench_function("swarm/paper_8x2", |b| b.iter(|| swarm.solve(black_box(&input), None)));
     group.finish();
 }
 

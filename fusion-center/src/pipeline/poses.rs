@@ -14,7 +14,7 @@ use proto::wire::{
 use tracing::warn;
 
 use crate::gather::{Gather, KeptSet, NodeHistory};
-use crate::registration::{self, Period, PoseEstimate, Problem, Solution};
+use crate::registration::{self, Known, Period, PoseEstimate, Problem, Solution};
 
 /// A new pose within this many standard deviations (squared, three dimensions) of the old one
 /// refines it; chance exceeds it once in ten thousand.
@@ -31,6 +31,8 @@ pub struct Job {
     pub problem: Problem,
     /// Which sets went in.
     pub sets: SetsUsed,
+    /// What the node's last solve found, to go on from.
+    pub known: Option<Known>,
 }
 
 /// A solved [`Job`].
@@ -53,6 +55,7 @@ struct Standing {
     /// Evidence for the transform when it was last confirmed.
     transform_log_odds: f64,
     newest: Option<(Outcome, Evidence, SetsUsed, &'static str)>,
+    known: Option<Known>,
     next_epoch: u64,
     in_flight: bool,
     is_due: bool,
@@ -132,7 +135,7 @@ impl Poses {
             return None;
         }
         standing.is_due = false;
-        let job = job(gather, &self.reference, node)?;
+        let job = Job { known: standing.known.clone(), ..job(gather, &self.reference, node)? };
         standing.in_flight = true;
         Some(job)
     }
@@ -145,6 +148,7 @@ impl Poses {
         let evidence = evidence(&solved.solution.evidence, solved.solve_time);
         let outcome = outcome(&solved.solution.outcome);
         standing.newest = Some((outcome, evidence, solved.job.sets, solved.solver));
+        standing.known = Some(solved.solution.known.clone());
         let Some(estimate) = &solved.solution.estimate else { return };
         if solved.solution.outcome != registration::Outcome::Determined {
             return;
@@ -164,6 +168,7 @@ impl Poses {
     pub(super) fn doubt(&mut self, node: &NodeId) {
         if let Some(standing) = self.standings.get_mut(node) {
             standing.transform_log_odds = f64::NEG_INFINITY;
+            standing.known = None;
         }
     }
 
@@ -213,7 +218,7 @@ fn job(gather: &Gather, reference: &NodeId, node: &NodeId) -> Option<Job> {
         last_arrival,
     };
     let periods = pairs.iter().map(|(in_ref, in_node)| period(in_ref, in_node)).collect();
-    Some(Job { node: node.clone(), problem: Problem { periods }, sets })
+    Some(Job { node: node.clone(), problem: Problem { periods }, sets, known: None })
 }
 
 fn period(reference: &KeptSet, node: &KeptSet) -> Period {

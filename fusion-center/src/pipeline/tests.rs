@@ -200,7 +200,8 @@ fn stepped(deliveries: &[Delivery]) -> (Centre, Vec<u8>) {
                     said.extend(bytes);
                 }
                 Effect::Solve(job) => {
-                    let solution = crate::registration::build(&config().solver).solve(&job.problem);
+                    let solution = crate::registration::build(&config().solver)
+                        .solve(&job.problem, job.known.as_ref());
                     let solve_time = Duration::ZERO;
                     let solved = Solved { job: *job, solution, solver: "default", solve_time };
                     effects.extend(centre.step(now, Event::Solved(Box::new(solved))));

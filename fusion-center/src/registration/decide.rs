@@ -2,11 +2,12 @@
 //!
 //! The odds of a mode against "nothing in common" are, by Laplace's approximation over a uniform
 //! prior of volume `V = (2 W)² 2π` m² rad,
-//! `ln O = Λ' / s + ½ ln((2π)³ det(s q C)) − ln V`,
-//! with Λ' the likelihood ratio in which repeated points count once, `q` how often they repeat,
-//! `C` the inverse observed information and `s` the doubt: the larger of χ²/degrees of freedom
-//! and of the ratio of the scores' spread over blocks of periods to the information (errors that
-//! last longer than a period), each only where it is significant.
+//! `ln O = Λ' / r + ½ ln((2π)³ det(r q C)) − ln V`,
+//! with Λ' the likelihood ratio in which what repeats counts once, `q` how often it repeats, `C` the
+//! inverse observed information and `r` = χ²/degrees of freedom where that is significantly above 1.
+//! Errors that last longer than a period are counted in Λ' and `q` already. The covariance is
+//! `C max(r, s, m √s / M)`: `s` how much longer errors last, `m` the matched pairs and `M` the most
+//! independent ones.
 //!
 //! A mode is a rival of the best one if their `ln O` differ by less than the configured odds; if its
 //! own `ln O` is more than a configured share of the best one's; or if the motion between the two
@@ -17,24 +18,21 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
-use super::evidence::{BLOCK_COUNT, Matches, Weights, matches_of};
+use super::evidence::{BothRuns, matches_of};
 use super::modes::Mode;
 use super::prepared::{Motion, Prepared};
 use super::symmetry::symmetric_share;
-use super::{Evidence, Missing, Outcome, PoseEstimate, Rival, Solution};
-
-/// Standard deviations by which a ratio must exceed 1 to count.
-const SIGNIFICANT_SIGMAS: f64 = 3.0;
-
-/// Shared periods that a comparison of blocks needs.
-const MIN_PERIODS_FOR_BLOCKS: usize = 60;
+use super::{Evidence, Known, Missing, Outcome, PoseEstimate, Rival, Solution};
 
 /// Typical standard deviations by which two places must differ at least: with more of them, tracks
 /// of noisy points fill few places and prove nothing; with fewer, standing targets seem to move.
 const PLACE_SIGMAS: f64 = 1.0;
+
+/// Most independent pairs that the covariance may rest on: errors common to all points, such as
+/// that of a body's depth, remain however many there are, and are the larger where errors last.
+const MAX_INDEPENDENT: f64 = 16.0;
 
 /// When a pose counts as determined.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -127,7 +125,7 @@ fn conclude(
     evidence.rival_log_odds = others.first().map(|other| rival(best, other).log_odds);
     if let Some(missing) = missing(best, config) {
         let outcome = Outcome::Underdetermined { missing };
-        return Solution { estimate: None, outcome, evidence };
+        return Solution { estimate: None, outcome, evidence, known: Known::default() };
     }
     let near: Vec<Rival> = others
         .iter()
@@ -136,7 +134,7 @@ fn conclude(
         .collect();
     let outcome =
         if near.is_empty() { Outcome::Determined } else { Outcome::Ambiguous { rivals: near } };
-    Solution { estimate: Some(best.estimate), outcome, evidence }
+    Solution { estimate: Some(best.estimate), outcome, evidence, known: Known::default() }
 }
 
 fn without_modes(data: &Prepared, given_period_count: usize) -> Solution {
@@ -152,7 +150,12 @@ fn without_modes(data: &Prepared, given_period_count: usize) -> Solution {
         covariance_inflation: 1.0,
         ..Evidence::default()
     };
-    Solution { estimate: None, outcome: Outcome::Underdetermined { missing }, evidence }
+    Solution {
+        estimate: None,
+        outcome: Outcome::Underdetermined { missing },
+        evidence,
+        known: Known::default(),
+    }
 }
 
 fn is_rival(data: &Prepared, best: &Assessed, other: &Assessed, config: &DecisionConfig) -> bool {
@@ -195,17 +198,20 @@ fn missing(best: &Assessed, config: &DecisionConfig) -> Option<Missing> {
 
 fn assess_all(data: &Prepared, modes: &[Mode], config: &DecisionConfig) -> Vec<Assessed> {
     let distance_m = config.distinct_distance_m.max(PLACE_SIGMAS * data.typical_sigma_m);
-    let weights = Weights::new(data, distance_m);
-    modes.iter().map(|mode| assess(data, &weights, mode, config)).collect()
+    let runs = BothRuns::new(data, distance_m);
+    modes.iter().map(|mode| assess(data, &runs, mode, config)).collect()
 }
 
-fn assess(data: &Prepared, weights: &Weights, mode: &Mode, config: &DecisionConfig) -> Assessed {
-    let matches = matches_of(data, weights, mode);
-    let doubt = mode.residual_ratio().max(block_ratio(data, &matches, &mode.covariance));
-    let covariance = mode.covariance * doubt;
+fn assess(data: &Prepared, runs: &BothRuns, mode: &Mode, config: &DecisionConfig) -> Assessed {
+    let matches = matches_of(data, runs, mode);
+    let residual_ratio = mode.residual_ratio();
+    let doubt = residual_ratio.max(matches.lasting);
+    let common = mode.fit.matched * matches.lasting.sqrt() / MAX_INDEPENDENT;
+    let covariance = mode.covariance * doubt.max(common);
     let volume = (2.0 * config.prior_half_width_m).powi(2) * TAU;
-    let spread = (covariance * matches.repetition).determinant() * TAU.powi(3);
-    let log_odds = matches.log_ratio / doubt + 0.5 * spread.ln() - volume.ln();
+    let spread_of_all = mode.covariance * (residual_ratio * matches.repetition);
+    let spread = spread_of_all.determinant() * TAU.powi(3);
+    let log_odds = matches.log_ratio / residual_ratio + 0.5 * spread.ln() - volume.ln();
     let evidence = Evidence {
         matched_point_count: matches.matched_count,
         distinct_point_count: matches.distinct_count,
@@ -219,17 +225,4 @@ fn assess(data: &Prepared, weights: &Weights, mode: &Mode, config: &DecisionConf
     };
     let estimate = PoseEstimate { pose_ref_from_node: mode.motion.pose(), covariance };
     Assessed { motion: mode.motion, estimate, evidence }
-}
-
-/// Mean eigenvalue of `C Σ_b g_b g_bᵀ`, 1 for independent errors, where significantly above 1.
-fn block_ratio(data: &Prepared, matches: &Matches, covariance: &Matrix3<f64>) -> f64 {
-    if data.spans.len() < MIN_PERIODS_FOR_BLOCKS {
-        return 1.0;
-    }
-    // The scores of all blocks add up to zero at the maximum, which takes one block's freedom.
-    let free = (BLOCK_COUNT - 1) as f64;
-    let sum: f64 = matches.block_scores.iter().map(|g| g.dot(&(covariance * g))).sum();
-    let ratio = sum / 3.0 * BLOCK_COUNT as f64 / free;
-    let limit = 1.0 + SIGNIFICANT_SIGMAS * (2.0 / (3.0 * free)).sqrt();
-    if ratio > limit { ratio } else { 1.0 }
 }

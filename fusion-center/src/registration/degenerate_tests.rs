@@ -13,7 +13,7 @@ const TRY_COUNT: u64 = 250;
 const MAX_NEES: f64 = 25.0;
 
 fn solve(problem: &Problem) -> Solution {
-    let solution = Pairwise::default().solve(problem);
+    let solution = Pairwise::default().solve(problem, None);
     assert!(solution.evidence.log_odds.is_finite() && solution.evidence.chi_square.is_finite());
     solution
 }
@@ -118,7 +118,7 @@ fn fixed_ghosts_of_both_sides_are_not_common_targets() {
 
 #[test]
 fn every_reason_can_be_produced() {
-    let missing = |problem: &Problem, solver: &Pairwise| match solver.solve(problem).outcome {
+    let missing = |problem: &Problem, solver: &Pairwise| match solver.solve(problem, None).outcome {
         Outcome::Underdetermined { missing } => missing,
         other => panic!("{other:?}"),
     };
@@ -177,6 +177,60 @@ fn wanderers(sampler: &mut Sampler) -> Paths {
         Vector2::new(person[0], person[1])
     };
     (0..300).map(|_| people.iter_mut().map(&mut step).collect()).collect()
+}
+
+/// Two or three people who walk straight at their pace from one random place to the next.
+pub(super) fn walkers(period_s: f64, period_count: usize) -> impl Fn(&mut Sampler) -> Paths {
+    move |sampler| {
+        let person_count = sampler.rng.random_range(2..4);
+        let people: Vec<Vec<Vector2<f64>>> =
+            (0..person_count).map(|_| walk(sampler, 0.8 * period_s, period_count)).collect();
+        (0..period_count).map(|k| people.iter().map(|path| path[k]).collect()).collect()
+    }
+}
+
+fn walk(sampler: &mut Sampler, step_m: f64, period_count: usize) -> Vec<Vector2<f64>> {
+    let mut draw = || Vector2::from_fn(|_, _| sampler.rng.random_range(1.0..9.0_f64));
+    let (mut at, mut goal) = (draw(), draw());
+    let mut next = || {
+        let way = goal - at;
+        if way.norm() < step_m {
+            goal = draw();
+        } else {
+            at += way * (step_m / way.norm());
+        }
+        at
+    };
+    (0..period_count).map(|_| next()).collect()
+}
+
+#[test]
+fn unrelated_walkers_in_the_same_room_are_not_determined() {
+    /// Chance of one in 250.
+    const MOST_DETERMINED: usize = 1;
+    for (period_s, period_count, noise_scale) in [(0.5, 64, 1.0), (0.1, 150, 2.5)] {
+        let conditions =
+            Conditions { detection_probability: 0.9, false_probability: 0.1, noise_scale };
+        let draw = observe(walkers(period_s, period_count), conditions);
+        let counts = (0..TRY_COUNT).fold([0, 0], |[sure, all], seed| {
+            let is_sure = solve(&unrelated(seed, &draw).problem).outcome == Outcome::Determined;
+            [sure + usize::from(is_sure), all + 1]
+        });
+        println!("unrelated walkers {period_s} s {noise_scale}: {counts:?}");
+        assert!(counts[0] <= MOST_DETERMINED, "{period_s} {noise_scale}: {counts:?}");
+    }
+}
+
+#[test]
+fn related_walkers_are_found() {
+    const RELATED_TRY_COUNT: u64 = 40;
+    for (period_s, period_count) in [(0.5, 64), (0.1, 150)] {
+        let conditions =
+            Conditions { detection_probability: 0.9, false_probability: 0.1, noise_scale: 2.5 };
+        let draw = observe(walkers(period_s, period_count), conditions);
+        let counts = outcomes_of("walkers", RELATED_TRY_COUNT, draw);
+        assert!(counts[0] >= 30, "{period_s}: {counts:?}");
+    }
 }
 
 /// Noisy data as a real room gives them: σ of 6 to 40 cm, half the points missed, many false.

@@ -1,60 +1,67 @@
-//! The likelihood ratio of a mode with repeated points counted once.
+//! The likelihood ratio of a mode with what both sides' runs tell counted once.
 //!
 //! A standing target, or a fixed ghost that meets another in every period, is one coincidence and
-//! not one per period. So every point weighs `w = 1 / (points of its side around it)`, a pair the
-//! smaller weight of its two points, and Λ is taken anew with the weighted sums
-//! `n₀' = Σ w_l`, `n₁' = Σ w_j`, `m' = Σ p min(w_l, w_j)`, `K' = K (n₀' + n₁') / (n₀ + n₁)`:
-//! `Λ' = K' A c + n₀' ln(1 − c/a) + n₁' ln(1 − c/b) + Σ p min(w_l, w_j) ln(1 + κ N(d_lj))`.
-//! Where no point repeats this is Λ of the likelihood but for points that match half.
+//! not one per period, and a straight walk is two (see `runs`). So both sides' *runs* take the
+//! place of their points. A run of each side meet with weight `W = Σ p / (τ o)`, at most 1, over
+//! their links, `o` the periods in which the longer of the two had a run to meet, `τ` below 1 for
+//! tracks, some of whose points stray. They meet at the mean difference `d̄ = J⁻¹ h`,
+//! `J = Σ p S⁻¹`, `h = Σ p S⁻¹ d`, with the covariance of `n̂` independent pairs, `S̄ = P J⁻¹ / n̂`,
+//! `P = Σ p`, `n̂ = P / s` between 1 and a limit, `s` how much longer errors last than a period: the
+//! larger of two ratios to what independent errors give, that of the scores of blocks of periods
+//! (where significant) and that of `hᵀ J⁻¹ h` over the meetings of tracks.
+//!
+//! Λ is taken anew, for tracks and for single points apart because false points are mostly single:
+//! with `n₀'`, `n₁'` runs of `n₀`, `n₁` points in the volume `V' = K A (n₀' + n₁') / (n₀ + n₁)`,
+//! `Λ' = V' c + n₀' ln(1 − c/a) + n₁' ln(1 − c/b) + Σ W ln(1 + κ N(d̄; 0, S̄))`,
+//! `a = n₀'/V'`, `b = n₁'/V'`, `c = Σ W / V'`, `κ` as in the likelihood.
+//! Where every point is a run this is Λ of the likelihood but for points that match half.
 
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::likelihood::{Link, Model, for_each_period};
 use super::modes::Mode;
-use super::prepared::{Blob, Prepared};
+use super::prepared::Prepared;
+use super::runs::{RunClass, RunKind, Runs};
 
 /// Blocks of periods whose scores are kept apart.
-pub(super) const BLOCK_COUNT: usize = 12;
+const BLOCK_COUNT: usize = 12;
 
-/// How much each point counts, by side.
-pub(super) struct Weights {
-    refs: Vec<f64>,
-    nodes: Vec<f64>,
+/// Shared periods that a comparison of blocks needs.
+const MIN_PERIODS_FOR_BLOCKS: usize = 60;
+
+/// Standard deviations by which a ratio must exceed 1 to count.
+const SIGNIFICANT_SIGMAS: f64 = 3.0;
+
+/// Most independent pairs that a run may stand for: errors common to all its points remain.
+const MAX_AVERAGED: f64 = 16.0;
+
+/// Runs of which this share of the points meet are taken to meet; the rest strayed.
+const MET_SHARE: f64 = 0.75;
+
+/// Runs with fewer matched points, expected, do not meet.
+const NEGLIGIBLE_MATCH: f64 = 1e-3;
+
+/// Freedom that a comparison of runs needs.
+const MIN_FREEDOM: f64 = 4.0;
+
+/// Both sides' runs.
+pub(super) struct BothRuns {
+    refs: Runs,
+    nodes: Runs,
     place_distance_m: f64,
 }
 
-impl Weights {
-    /// Weights for points that repeat within about `place_distance_m`.
+impl BothRuns {
+    /// The runs of both sides; places closer than `place_distance_m` are one.
     pub(super) fn new(data: &Prepared, place_distance_m: f64) -> Self {
-        let refs = weights_of(&data.refs, place_distance_m);
-        let nodes = weights_of(&data.nodes, place_distance_m);
+        let refs = Runs::new(&data.refs, &data.spans, |span| span.refs.clone(), place_distance_m);
+        let nodes =
+            Runs::new(&data.nodes, &data.spans, |span| span.nodes.clone(), place_distance_m);
         Self { refs, nodes, place_distance_m }
     }
-
-    fn of(&self, link: &Link) -> f64 {
-        self.refs[link.ref_index].min(self.nodes[link.node_index])
-    }
-}
-
-/// One over the number of points in the 3 × 3 cells of half the distance around each.
-fn weights_of(blobs: &[Blob], distance_m: f64) -> Vec<f64> {
-    let cell = |blob: &Blob| (cell_index(blob.x, distance_m), cell_index(blob.y, distance_m));
-    let mut counts: BTreeMap<(i64, i64), f64> = BTreeMap::new();
-    for blob in blobs {
-        *counts.entry(cell(blob)).or_default() += 1.0;
-    }
-    let around = |(column, row): (i64, i64)| {
-        let cells = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (column + dx, row + dy)));
-        cells.filter_map(|key| counts.get(&key)).sum::<f64>()
-    };
-    blobs.iter().map(|blob| 1.0 / around(cell(blob))).collect()
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "coordinates are bounded and cells floored")]
-fn cell_index(coordinate_m: f64, distance_m: f64) -> i64 {
-    (2.0 * coordinate_m / distance_m).floor() as i64
 }
 
 /// What a mode matches.
@@ -65,50 +72,170 @@ pub(super) struct Matches {
     pub(super) distinct_count: usize,
     /// Λ', natural logarithm.
     pub(super) log_ratio: f64,
-    /// Expected pairs over weighted expected pairs, at least 1.
+    /// Expected pairs over independent pairs, at least 1.
     pub(super) repetition: f64,
-    /// Sum of `p ∂ ln w` over each block of periods.
-    pub(super) block_scores: [Vector3<f64>; BLOCK_COUNT],
+    /// How much longer errors last than a period, at least 1.
+    pub(super) lasting: f64,
 }
 
-/// What `mode` matches, with repeated points counted once.
-pub(super) fn matches_of(data: &Prepared, weights: &Weights, mode: &Mode) -> Matches {
+/// The links between a run of the reference and one of the node, added up.
+struct Meeting {
+    matched: f64,
+    information: Matrix2<f64>,
+    pull: Vector2<f64>,
+    class: RunClass,
+    most_averaged: f64,
+    weight: f64,
+}
+
+impl BothRuns {
+    /// The still empty meeting of a run of each side. What stands errs the same way for as long as
+    /// it stands: only walks average.
+    fn meeting(&self, (of_ref, of_node): (usize, usize)) -> Meeting {
+        let is_walk =
+            self.refs.kinds[of_ref] == RunKind::Walk && self.nodes.kinds[of_node] == RunKind::Walk;
+        let is_tracked = self.refs.class(of_ref) == RunClass::Tracked
+            && self.nodes.class(of_node) == RunClass::Tracked;
+        Meeting {
+            matched: 0.0,
+            information: Matrix2::zeros(),
+            pull: Vector2::zeros(),
+            class: if is_tracked { RunClass::Tracked } else { RunClass::Single },
+            most_averaged: if is_walk { MAX_AVERAGED } else { 1.0 },
+            weight: 0.0,
+        }
+    }
+}
+
+impl Meeting {
+    fn add(&mut self, link: &Link) {
+        self.matched += link.weight;
+        self.information += link.precision() * link.weight;
+        self.pull += link.gradient.xy() * link.weight;
+    }
+
+    /// `n̂`.
+    fn averaged(&self, lasting: f64) -> f64 {
+        (self.matched / lasting).clamp(1.0, self.most_averaged)
+    }
+
+    /// `hᵀ J⁻¹ h`: two for independent errors.
+    fn chi_square(&self) -> f64 {
+        let inverse = self.information.try_inverse();
+        inverse.map_or(0.0, |inverse| self.pull.dot(&(inverse * self.pull)))
+    }
+
+    /// `N(d̄; 0, S̄)` in 1/m².
+    fn density_per_m2(&self, lasting: f64) -> f64 {
+        let scale = self.averaged(lasting) / self.matched;
+        let root = self.information.determinant().max(0.0).sqrt();
+        (-0.5 * scale * self.chi_square()).exp() * scale * root / TAU
+    }
+}
+
+type Meetings = BTreeMap<(usize, usize), Meeting>;
+
+/// What `mode` matches, with what runs tell counted once.
+pub(super) fn matches_of(data: &Prepared, runs: &BothRuns, mode: &Mode) -> Matches {
     let mut likely: Vec<usize> = Vec::new();
-    let mut links: Vec<(f64, f64)> = Vec::new();
+    let mut meetings = Meetings::new();
     let mut block_scores = [Vector3::zeros(); BLOCK_COUNT];
     for_each_period(&mode.model(data), &mode.motion, |period, _| {
         let block = period.span_index * BLOCK_COUNT / data.spans.len();
         for link in &period.links {
             block_scores[block] += link.gradient * link.weight;
-            links.push((link.weight * weights.of(link), link.log_density()));
+            let key = (runs.refs.of_point[link.ref_index], runs.nodes.of_point[link.node_index]);
+            meetings.entry(key).or_insert_with(|| runs.meeting(key)).add(link);
             if link.weight > 0.5 {
                 likely.push(link.ref_index);
             }
         }
     });
-    let counted: f64 = links.iter().map(|(weight, _)| weight).sum();
+    meetings.retain(|_, meeting| meeting.matched > NEGLIGIBLE_MATCH);
+    weigh(data, runs, &mut meetings);
+    let lasting = block_ratio(data, &block_scores, &mode.covariance).max(run_ratio(&meetings));
+    let independent: f64 = meetings.values().map(|m| m.weight * m.averaged(lasting)).sum();
+    let log_ratio = |class| class_log_ratio(data, runs, (&meetings, class), lasting);
     Matches {
         matched_count: likely.len(),
-        distinct_count: place_count(data, &likely, weights.place_distance_m),
-        log_ratio: weighted_log_ratio(data, weights, &links),
-        repetition: (mode.fit.matched / counted.max(f64::MIN_POSITIVE)).max(1.0),
-        block_scores,
+        distinct_count: place_count(data, &likely, runs.place_distance_m),
+        log_ratio: log_ratio(RunClass::Single) + log_ratio(RunClass::Tracked),
+        repetition: (mode.fit.matched / independent.max(f64::MIN_POSITIVE)).max(1.0),
+        lasting,
     }
 }
 
-fn weighted_log_ratio(data: &Prepared, weights: &Weights, links: &[(f64, f64)]) -> f64 {
-    let (n0, n1): (f64, f64) = (weights.refs.iter().sum(), weights.nodes.iter().sum());
-    let given = (data.refs.len() + data.nodes.len()) as f64;
-    let volume_m2 = data.spans.len() as f64 * data.area_m2 * (n0 + n1) / given;
-    let matched: f64 = links.iter().map(|(weight, _)| weight).sum();
-    let share = Model::share_of(matched, n0.min(n1));
-    let common = share * n0.min(n1);
+/// `W` of every meeting.
+fn weigh(data: &Prepared, runs: &BothRuns, meetings: &mut Meetings) {
+    let mut ref_chances = vec![0.0_f64; runs.refs.sizes.len()];
+    let mut node_chances = vec![0.0_f64; runs.nodes.sizes.len()];
+    for span in &data.spans {
+        let (refs, nodes) =
+            (&runs.refs.of_point[span.refs.clone()], &runs.nodes.of_point[span.nodes.clone()]);
+        let meets = |r: usize, j: usize| f64::from(u8::from(meetings.contains_key(&(r, j))));
+        for &r in refs {
+            ref_chances[r] += nodes.iter().map(|j| meets(r, *j)).fold(0.0, f64::max);
+        }
+        for &j in nodes {
+            node_chances[j] += refs.iter().map(|r| meets(*r, j)).fold(0.0, f64::max);
+        }
+    }
+    for ((r, j), meeting) in meetings.iter_mut() {
+        let needed = match meeting.class {
+            RunClass::Tracked => MET_SHARE,
+            RunClass::Single => 1.0,
+        };
+        let chances = ref_chances[*r].max(node_chances[*j]).max(1.0);
+        meeting.weight = (meeting.matched / (needed * chances).max(1.0)).min(1.0);
+    }
+}
+
+/// Mean squared difference of two runs of tracks in units of what independent errors give.
+fn run_ratio(meetings: &Meetings) -> f64 {
+    let averaged = || meetings.values().filter(|m| m.class == RunClass::Tracked && m.matched > 2.0);
+    let free = averaged().map(|m| 2.0 * m.weight).sum::<f64>() - 3.0;
+    let sum: f64 = averaged().map(|m| m.weight * m.chi_square()).sum();
+    if free > MIN_FREEDOM { (sum / free).max(1.0) } else { 1.0 }
+}
+
+/// Λ' of the runs of tracks, or of the single points.
+fn class_log_ratio(
+    data: &Prepared,
+    runs: &BothRuns,
+    (meetings, class): (&Meetings, RunClass),
+    lasting: f64,
+) -> f64 {
+    let ((n0, given0), (n1, given1)) =
+        (runs.refs.run_and_point_count(class), runs.nodes.run_and_point_count(class));
+    let of_class = || meetings.values().filter(|meeting| meeting.class == class);
+    if n0 < 1.0 || n1 < 1.0 {
+        return 0.0;
+    }
+    let volume_m2 = data.spans.len() as f64 * data.area_m2 * (n0 + n1) / (given0 + given1);
+    let matched: f64 = of_class().map(|meeting| meeting.weight).sum();
+    let common = Model::share_of(matched, n0.min(n1)) * n0.min(n1);
     let match_area_m2 = common * volume_m2 / ((n0 - common) * (n1 - common));
-    let pairs: f64 = links
-        .iter()
-        .map(|(weight, density)| weight * (match_area_m2 * density.exp()).ln_1p())
-        .sum();
-    common + n0 * (-common / n0).ln_1p() + n1 * (-common / n1).ln_1p() + pairs
+    let met: f64 =
+        of_class().map(|m| m.weight * (match_area_m2 * m.density_per_m2(lasting)).ln_1p()).sum();
+    common + n0 * (-common / n0).ln_1p() + n1 * (-common / n1).ln_1p() + met
+}
+
+/// Mean eigenvalue of `C Σ_b g_b g_bᵀ`, `g_b` the score of block `b` of periods: 1 for independent
+/// errors, and 1 where it is not significantly above.
+fn block_ratio(
+    data: &Prepared,
+    block_scores: &[Vector3<f64>; BLOCK_COUNT],
+    covariance: &Matrix3<f64>,
+) -> f64 {
+    if data.spans.len() < MIN_PERIODS_FOR_BLOCKS {
+        return 1.0;
+    }
+    // The scores of all blocks add up to zero at the maximum, which takes one block's freedom.
+    let free = (BLOCK_COUNT - 1) as f64;
+    let sum: f64 = block_scores.iter().map(|g| g.dot(&(covariance * g))).sum();
+    let ratio = sum / 3.0 * BLOCK_COUNT as f64 / free;
+    let limit = 1.0 + SIGNIFICANT_SIGMAS * (2.0 / (3.0 * free)).sqrt();
+    if ratio > limit { ratio } else { 1.0 }
 }
 
 /// Places that are more than `distance_m` apart, counted greedily in order of time.
@@ -129,17 +256,17 @@ fn place_count(data: &Prepared, ref_indices: &[usize], distance_m: f64) -> usize
 
 #[cfg(test)]
 mod tests {
-    use super::super::Problem;
+    use super::super::likelihood::differentiate;
     use super::super::modes::refine;
-    use super::super::monte_carlo::{Conditions, trial};
+    use super::super::monte_carlo::{Conditions, Sampler, line_paths, trial};
     use super::super::prepared::Motion;
+    use super::super::{Period, Problem};
     use super::*;
 
     fn assess(problem: &Problem, start: &Vector3<f64>) -> (Mode, Matches) {
         let data = Prepared::new(problem);
         let mode = refine(&data, Motion::new(start.x, start.y, start.z)).unwrap();
-        let weights = Weights::new(&data, 0.3);
-        let matches = matches_of(&data, &weights, &mode);
+        let matches = matches_of(&data, &BothRuns::new(&data, 0.3), &mode);
         (mode, matches)
     }
 
@@ -153,27 +280,78 @@ mod tests {
     }
 
     #[test]
-    fn a_problem_said_ten_times_is_no_stronger() {
+    fn a_problem_that_stands_still_is_no_stronger_but_one_that_comes_back_is() {
         let case = trial(&Conditions::CLEAN, 2);
         let (_, once) = assess(&case.problem, &case.truth());
-        let periods = case.problem.periods.iter().cycle().take(80).cloned().collect();
-        let (mode, often) = assess(&Problem { periods }, &case.truth());
-        assert_eq!((often.matched_count, often.distinct_count), (160, 16));
-        assert!((often.repetition - 10.0).abs() < 1e-3);
-        assert!((often.log_ratio / once.log_ratio - 1.0).abs() < 0.05, "{}", often.log_ratio);
+        let periods = &case.problem.periods;
+        let slowly = periods.iter().flat_map(|period| vec![period.clone(); 10]).collect();
+        let (mode, slow) = assess(&Problem { periods: slowly }, &case.truth());
+        assert_eq!((slow.matched_count, slow.distinct_count), (160, 16));
+        assert!((slow.repetition - 10.0).abs() < 0.1, "{}", slow.repetition);
+        assert!((slow.log_ratio / once.log_ratio - 1.0).abs() < 0.05, "{}", slow.log_ratio);
         assert!(mode.fit.log_ratio > 9.0 * once.log_ratio);
+        let pause = vec![Period::default(); 20];
+        let (_, twice) =
+            assess(&Problem { periods: [&periods[..], &pause, periods].concat() }, &case.truth());
+        assert!((twice.log_ratio / once.log_ratio - 2.0).abs() < 0.1, "{}", twice.log_ratio);
     }
 
     #[test]
-    fn a_pair_counts_as_little_as_the_more_repeated_of_its_points() {
-        let case = trial(&Conditions::CLEAN, 2);
-        let (mode, _) = assess(&case.problem, &case.truth());
+    fn a_straight_walk_counts_twice_at_the_precision_of_its_mean() {
+        let paths = line_paths(&[[[2.0, 3.0], [6.0, 6.0]], [[8.0, 2.0], [3.0, 4.0]]], 60);
+        let case = Sampler::new(3).observe(&paths, &Conditions::CLEAN);
+        let (mode, matches) = assess(&case.problem, &case.truth());
+        let independent = mode.fit.matched / matches.repetition;
+        assert!((independent - 4.0 * MAX_AVERAGED).abs() < 1.0, "{independent}");
+        assert!(matches.log_ratio < 0.2 * mode.fit.log_ratio, "{}", matches.log_ratio);
+    }
+
+    #[test]
+    fn walks_that_miss_each_other_by_a_constant_show_lasting_errors() {
+        let ends = [[[2.0, 3.0], [6.0, 6.0]], [[8.0, 2.0], [3.0, 4.0]], [[3.0, 7.0], [8.0, 7.5]]];
+        let mut case = Sampler::new(3).observe(&line_paths(&ends, 40), &Conditions::CLEAN);
+        let (_, fair) = assess(&case.problem, &case.truth());
+        assert!(fair.lasting < 2.0, "{}", fair.lasting);
+        for period in &mut case.problem.periods {
+            period.in_node[0].mean.coords_m.x += 0.03;
+            period.in_node[1].mean.coords_m.x -= 0.03;
+        }
+        let (_, biased) = assess(&case.problem, &case.truth());
+        assert!(biased.lasting > 2.0 * fair.lasting, "{} {}", biased.lasting, fair.lasting);
+        assert!(biased.log_ratio < fair.log_ratio);
+    }
+
+    #[test]
+    fn the_density_of_a_meeting_is_that_of_the_weighted_mean() {
+        let case = trial(&Conditions::CLEAN, 4);
         let data = Prepared::new(&case.problem);
-        for (by_ref, by_node) in [(0.1, 1.0), (1.0, 0.1)] {
-            let (refs, nodes) = (vec![by_ref; 16], vec![by_node; 16]);
-            let weights = Weights { refs, nodes, place_distance_m: 0.3 };
-            let matches = matches_of(&data, &weights, &mode);
-            assert!((matches.repetition - 10.0).abs() < 1e-9, "{}", matches.repetition);
+        let truth = case.truth();
+        let motion = Motion::new(truth.x + 0.02, truth.y, truth.z);
+        let runs = BothRuns::new(&data, 0.3);
+        let mut meeting = Meeting { most_averaged: 16.0, ..runs.meeting((0, 0)) };
+        let mut sum = (Matrix2::zeros(), Vector2::zeros());
+        for (index, weight) in [(0, 0.9), (3, 0.8), (8, 0.7)] {
+            let (point, mapped) = (&data.refs[index], motion.apply(&data.nodes[index]));
+            let mut link = differentiate(&motion, point, &mapped, 1.0);
+            link.weight = weight;
+            meeting.add(&link);
+            let cov = Matrix2::new(
+                point.xx + mapped.xx,
+                point.xy + mapped.xy,
+                point.xy + mapped.xy,
+                point.yy + mapped.yy,
+            );
+            let precision = cov.try_inverse().unwrap() * weight;
+            sum.0 += precision;
+            sum.1 += precision * Vector2::new(point.x - mapped.x, point.y - mapped.y);
+        }
+        for (lasting, pair_count) in [(1.0, 2.4), (2.0, 1.2), (7.0, 1.0)] {
+            let mean = sum.0.try_inverse().unwrap() * sum.1;
+            let cov = sum.0.try_inverse().unwrap() * (2.4 / pair_count);
+            let exponent = -0.5 * mean.dot(&(cov.try_inverse().unwrap() * mean));
+            let expected = exponent.exp() / (TAU * cov.determinant().sqrt());
+            let found = meeting.density_per_m2(lasting);
+            assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
         }
     }
 }

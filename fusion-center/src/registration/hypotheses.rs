@@ -43,6 +43,16 @@ pub(super) fn propose(data: &Prepared, config: &PairwiseConfig) -> Vec<Motion> {
     }
 }
 
+/// As [`propose`], but drawn at random however few the candidates are.
+pub(super) fn propose_few(data: &Prepared, config: &PairwiseConfig) -> Vec<Motion> {
+    let candidates = candidates(data);
+    if candidates.is_empty() {
+        return Vec::new();
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+    sampled(data, &candidates, config, &mut rng)
+}
+
 fn candidates(data: &Prepared) -> Vec<Candidate> {
     let mut all =
         Vec::with_capacity(data.spans.iter().map(super::prepared::Span::pair_count).sum());

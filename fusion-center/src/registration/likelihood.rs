@@ -17,7 +17,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector3};
 
 use super::prepared::{Blob, Motion, Prepared, Span};
 
@@ -101,10 +101,10 @@ pub(super) struct Link {
 }
 
 impl Link {
-    /// `ln N(d; 0, S)`, natural logarithm of a density in 1/m².
-    pub(super) fn log_density(&self) -> f64 {
+    /// `S⁻¹` in 1/m².
+    pub(super) fn precision(&self) -> Matrix2<f64> {
         let [xx, xy, yy] = self.precision;
-        0.5 * (xx * yy - xy * xy).ln() - TAU.ln() - 0.5 * self.chi_square
+        Matrix2::new(xx, xy, xy, yy)
     }
 
     /// `Jᵀ S⁻¹ J` with `J = [I | turn]`.

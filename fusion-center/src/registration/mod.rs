@@ -14,11 +14,13 @@ use serde::{Deserialize, Serialize};
 mod decide;
 mod evidence;
 mod hypotheses;
+mod known;
 mod likelihood;
 mod modes;
 pub mod objective;
 mod pairwise;
 mod prepared;
+mod runs;
 mod settings;
 mod swarm;
 mod symmetry;
@@ -31,6 +33,7 @@ mod monte_carlo;
 mod statistics_tests;
 
 pub use decide::DecisionConfig;
+pub use known::Known;
 pub use pairwise::{Pairwise, PairwiseConfig};
 pub use settings::InvalidSolver;
 pub use swarm::{Swarm, SwarmConfig};
@@ -56,8 +59,10 @@ pub trait Solver: Send + Sync {
     /// A short name for logs and reports.
     fn name(&self) -> &'static str;
 
-    /// The pose of the node and how far the data decide it. The same problem gives the same bytes.
-    fn solve(&self, problem: &Problem) -> Solution;
+    /// The pose of the node and how far the data decide it. `known` is what the last solution of
+    /// the same node found; it saves time and changes no outcome. The same problem and the same
+    /// `known` give the same bytes.
+    fn solve(&self, problem: &Problem, known: Option<&Known>) -> Solution;
 }
 
 /// A solver's answer.
@@ -69,6 +74,8 @@ pub struct Solution {
     pub outcome: Outcome,
     /// The numbers behind the outcome.
     pub evidence: Evidence,
+    /// What the next solution of this node may start from.
+    pub known: Known,
 }
 
 /// A pose and how sure it is.
@@ -200,8 +207,8 @@ pub struct Evidence {
     pub chi_square: f64,
     /// Twice the matched pairs less the three unknowns, at least 0.
     pub degrees_of_freedom: f64,
-    /// By how much the covariance was multiplied because residuals contradict the stated one; 1
-    /// where they agree.
+    /// By how much the covariance was multiplied because residuals contradict the stated one or
+    /// errors last longer than a period; 1 where they agree.
     pub covariance_inflation: f64,
     /// Natural logarithm of the odds of the best pose against "nothing in common".
     pub log_odds: f64,

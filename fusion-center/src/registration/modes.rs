@@ -95,10 +95,22 @@ pub(super) fn refine(data: &Prepared, start: Motion) -> Option<Mode> {
 }
 
 fn refine_fine(data: &Prepared, coarse: &Climbed) -> Option<Mode> {
-    refine_scaled(data, (coarse.motion, coarse.share), 1.0)
+    refine_from(data, (coarse.motion, coarse.share), 1.0)
 }
 
-fn refine_scaled(data: &Prepared, start: (Motion, f64), covariance_scale: f64) -> Option<Mode> {
+/// As [`refine`], unless the start stays hopeless with wide covariances against `others`.
+pub(super) fn refine_hopeful(data: &Prepared, start: Motion, others: &[Mode]) -> Option<Mode> {
+    let best = others.iter().map(|mode| mode.fit.log_ratio).fold(0.0, f64::max);
+    let coarse = climb(data, (start, START_SHARE), COARSE_SCALE, COARSE_STEP_COUNT);
+    (coarse.log_ratio >= HOPELESS_SHARE * best).then(|| refine_fine(data, &coarse)).flatten()
+}
+
+/// Climbs from a pose and share near a maximum.
+pub(super) fn refine_from(
+    data: &Prepared,
+    start: (Motion, f64),
+    covariance_scale: f64,
+) -> Option<Mode> {
     let fine = climb(data, start, covariance_scale, FINE_STEP_COUNT);
     mode_at(data, (fine.motion, fine.share), covariance_scale)
 }
@@ -113,7 +125,7 @@ pub(super) fn rescaled(data: &Prepared, modes: Vec<Mode>, merge_distance_m: f64)
         if scale <= best.covariance_scale {
             break;
         }
-        let again = |mode: &Mode| refine_scaled(data, (mode.motion, mode.share), scale);
+        let again = |mode: &Mode| refine_from(data, (mode.motion, mode.share), scale);
         current = merged(data, current.iter().filter_map(again).collect(), merge_distance_m);
     }
     current

@@ -42,7 +42,7 @@ impl Blob {
 }
 
 /// A rigid motion from node to reference coordinates with its rotation ready to use.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Motion {
     pub(super) x: f64,
     pub(super) y: f64,
@@ -91,6 +91,8 @@ impl Motion {
 /// The points of one period, as ranges of the flat arrays.
 #[derive(Clone, Debug)]
 pub(super) struct Span {
+    /// Which of the given periods.
+    pub(super) period_index: usize,
     pub(super) refs: Range<usize>,
     pub(super) nodes: Range<usize>,
 }
@@ -121,7 +123,7 @@ pub(super) struct Prepared {
 impl Prepared {
     pub(super) fn new(problem: &Problem) -> Self {
         let mut prepared = Self::empty();
-        for period in &problem.periods {
+        for (period_index, period) in problem.periods.iter().enumerate() {
             let refs: Vec<Blob> = period.in_ref.iter().filter_map(Blob::usable).collect();
             let nodes: Vec<Blob> = period.in_node.iter().filter_map(Blob::usable).collect();
             prepared.ignored_count += period.in_ref.len() - refs.len();
@@ -133,6 +135,7 @@ impl Prepared {
             prepared.refs.extend(refs);
             prepared.nodes.extend(nodes);
             let span = Span {
+                period_index,
                 refs: ref_start..prepared.refs.len(),
                 nodes: node_start..prepared.nodes.len(),
             };

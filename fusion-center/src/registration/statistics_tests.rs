@@ -30,7 +30,7 @@ fn tally(draw: impl Fn(u64) -> Trial) -> Tally {
     let (mut squares, mut bounds, mut nees, mut solved) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..TRIAL_COUNT {
         let case = draw(seed);
-        let solution = solver.solve(&case.problem);
+        let solution = solver.solve(&case.problem, None);
         tally.undetermined += usize::from(solution.outcome != Outcome::Determined);
         let Some(estimate) = solution.estimate else { continue };
         let error = case.error(&estimate);
@@ -87,7 +87,7 @@ fn larger_rooms_are_determined_near_the_bound() {
     ] {
         let (mut squares, mut bounds) = (0.0, 0.0);
         for case in &cases {
-            let solution = solver.solve(&case.problem);
+            let solution = solver.solve(&case.problem, None);
             assert_eq!(solution.outcome, Outcome::Determined, "{name} {:?}", solution.evidence);
             squares += case.error(&solution.estimate.unwrap()).xy().norm_squared();
             bounds += case.bound().map_or(0.0, |b| b[(0, 0)] + b[(1, 1)]);
@@ -109,7 +109,7 @@ fn errors_that_last_longer_than_a_period_widen_the_covariance() {
             let offset_m = amplitude_m * (index as f64 / 240.0 * std::f64::consts::TAU).sin();
             period.in_node.iter_mut().for_each(|point| point.mean.coords_m.x += offset_m);
         }
-        let inflation = solver.solve(&case.problem).evidence.covariance_inflation;
+        let inflation = solver.solve(&case.problem, None).evidence.covariance_inflation;
         assert_eq!(inflation > 1.5, is_wide, "{amplitude_m} {inflation}");
     }
 }

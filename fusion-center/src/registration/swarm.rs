@@ -19,7 +19,7 @@ use super::decide::{DecisionConfig, decide_first};
 use super::modes::{Mode, fixed, merged, refine, separated};
 use super::objective::l2_value;
 use super::prepared::{Motion, Prepared};
-use super::{Problem, Solution, Solver};
+use super::{Known, Problem, Solution, Solver};
 
 /// Poses of other sectors that carry the points less than this apart, metres, are one rival.
 const RIVAL_DISTANCE_M: f64 = 0.1;
@@ -94,7 +94,7 @@ impl Solver for Swarm {
         "swarm"
     }
 
-    fn solve(&self, problem: &Problem) -> Solution {
+    fn solve(&self, problem: &Problem, _known: Option<&Known>) -> Solution {
         let data = Prepared::new(problem);
         if data.spans.is_empty() || self.config.particle_count == 0 {
             return decide_first(&data, &[], problem.periods.len(), &self.decision);
@@ -223,7 +223,7 @@ mod tests {
 
     fn solve_with_threads(problem: &Problem, thread_count: usize) -> Solution {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(thread_count).build().unwrap();
-        pool.install(|| Swarm::default().solve(problem))
+        pool.install(|| Swarm::default().solve(problem, None))
     }
 
     #[test]
@@ -258,7 +258,7 @@ mod tests {
 
     #[test]
     fn nothing_shared_is_underdetermined() {
-        let solution = Swarm::default().solve(&Problem::default());
+        let solution = Swarm::default().solve(&Problem::default(), None);
         let missing = Missing::SharedPeriods { period_count: 0 };
         assert_eq!(solution.outcome, Outcome::Underdetermined { missing });
         assert_eq!(solution.estimate, None);

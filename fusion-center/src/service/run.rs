@@ -100,7 +100,7 @@ fn start(solver: Arc<dyn Solver>, job: Job, done: mpsc::Sender<Box<Solved>>) {
         let node = job.node.clone();
         let work = tokio::task::spawn_blocking(move || {
             let clock = Clock::start();
-            let solution = solver.solve(&job.problem);
+            let solution = solver.solve(&job.problem, job.known.as_ref());
             let solve_time = clock.now().since(proto::time::CentreTime(0));
             Box::new(Solved { job, solution, solver: solver.name(), solve_time })
         });
