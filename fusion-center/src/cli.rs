@@ -3,13 +3,14 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand, ValueEnum};
 use proto::bus::{Bus, ZenohBus};
 use proto::config::{BusConfig, load};
 use proto::ids::{BootId, NodeId, SiteId};
-use proto::keys::{Keys, Topic};
+use proto::keys::{Keys, Pattern, Topic};
 use proto::process;
 use proto::wire::{Command, Stamp, encode};
 
@@ -122,12 +123,27 @@ impl Arguments {
     }
 }
 
+/// A centre that is there shows itself within this time.
+const ANSWER_LIMIT: Duration = Duration::from_secs(3);
+
 /// Sends one command to the centre that listens where `config` says it would.
 async fn send(config: CentreConfig, command: Command) -> anyhow::Result<()> {
     let BusConfig { connect, listen, .. } = config.bus.clone();
     let endpoints = if connect.is_empty() { listen } else { connect };
     let bus_config = BusConfig { connect: endpoints, listen: Vec::new(), ..config.bus };
-    let (bus, _) = ZenohBus::open(&bus_config, Keys::new(config.site), &[]).await?;
+    let keys = Keys::new(config.site.clone());
+    let (bus, mut deliveries) =
+        ZenohBus::open(&bus_config, keys.clone(), &[Pattern::AllLive]).await?;
+    let centre_lives = async {
+        while let Some(delivery) = deliveries.recv().await {
+            if matches!(keys.parse(&delivery.key), Ok(Topic::CentreLive(_))) {
+                return;
+            }
+        }
+    };
+    tokio::time::timeout(ANSWER_LIMIT, centre_lives).await.with_context(|| {
+        format!("no centre of site {} is on this network: check --site", config.site)
+    })?;
     let stamp = Stamp { boot: BootId::random(), sequence: 0, sent_ns: 0 };
     bus.publish(&Topic::Command, encode(stamp, &command)?).await?;
     bus.close().await;

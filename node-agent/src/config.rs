@@ -149,6 +149,7 @@ impl AgentConfig {
             ("simulated.x_m", self.simulated.x_m, -1e5, 1e5),
             ("simulated.y_m", self.simulated.y_m, -1e5, 1e5),
             ("simulated.first_s", self.simulated.first_s, -1e9, 1e9),
+            ("recorded.first_s", self.recorded.first_s.unwrap_or(0.0), 0.0, 1e11),
         ] {
             if !(least..=most).contains(&value) {
                 return Err(InvalidConfig(format!("{name} is {value}: use {least} to {most}")));

@@ -6,13 +6,16 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+/// What stands for the centre where a node's name would stand; no node may be called so.
+pub const CENTRE: &str = "centre";
+
 /// Longest name of a node or a site, in bytes.
 pub const MAX_NAME_LENGTH: usize = 32;
 
 /// Why a text is not a name.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error(
-    "{text:?} is not a name: use 1 to {MAX_NAME_LENGTH} of a-z, 0-9 and '-', starting with a letter or digit"
+    "{text:?} is not a name: use 1 to {MAX_NAME_LENGTH} of a-z, 0-9 and '-', starting with a letter or digit, other than \"centre\""
 )]
 pub struct InvalidName {
     /// The text as given, cut to a readable length.
@@ -23,7 +26,8 @@ fn checked_name(text: &str) -> Result<String, InvalidName> {
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     let good = (1..=MAX_NAME_LENGTH).contains(&text.len())
         && text.chars().all(allowed)
-        && !text.starts_with('-');
+        && !text.starts_with('-')
+        && text != CENTRE;
     if good {
         Ok(text.to_owned())
     } else {
@@ -133,7 +137,7 @@ mod tests {
             assert!(good.parse::<NodeId>().is_ok(), "{good}");
         }
         let long = "x".repeat(MAX_NAME_LENGTH + 1);
-        for bad in ["", "N1", "a/b", "*", "a b", "ä", "-a", "@x", "$*", long.as_str()] {
+        for bad in ["", "N1", "a/b", "*", "a b", "ä", "-a", "@x", "$*", CENTRE, long.as_str()] {
             let error = bad.parse::<NodeId>().unwrap_err();
             assert!(error.to_string().contains("a-z"), "{bad}: {error}");
         }

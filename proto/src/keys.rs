@@ -16,12 +16,9 @@ use std::fmt;
 
 use thiserror::Error;
 
-use crate::ids::{BootId, NodeId, SiteId};
+use crate::ids::{BootId, CENTRE, NodeId, SiteId};
 
 const ROOT: &str = "transmural/1";
-/// What stands for the centre where a node's name would stand. It is no node's name: a node may
-/// not be called so.
-pub const CENTRE: &str = "centre";
 
 /// What a key speaks of, within a site.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -10,5 +10,6 @@ pub mod keys;
 pub mod measured;
 pub mod process;
 pub mod radar;
+pub mod refusals;
 pub mod time;
 pub mod wire;

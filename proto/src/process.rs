@@ -63,7 +63,7 @@ fn try_main<A: HasFlags>(
     let flags = arguments.process_flags().clone();
     start_logging(&flags)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
+        .worker_threads(4)
         .enable_all()
         .build()
         .context("starting the runtime")?;

@@ -67,34 +67,42 @@ pub struct Exchange {
 /// there, and half the round trip bounds the error of the offset.
 #[derive(Clone, Debug, Default)]
 pub struct ClockFilter {
-    recent: std::collections::VecDeque<ClockEstimate>,
+    recent: std::collections::VecDeque<(NodeTime, ClockEstimate)>,
 }
 
-/// Exchanges kept: at one a second an estimate is at most 16 s old, over which quartz clocks of
-/// 100 ppm part by 1.6 ms.
+/// Exchanges kept.
 const WINDOW: usize = 16;
+/// Quartz clocks part by no more than this, so that an old exchange is worth less: 100 ppm.
+const DRIFT_PER_MILLION: u64 = 100;
 
 impl ClockFilter {
     /// Takes one exchange in. A new life of the centre forgets the old one's clock.
     pub fn add(&mut self, exchange: &Exchange) {
-        if self.recent.back().is_some_and(|last| last.centre_boot != exchange.centre_boot) {
+        if self.recent.back().is_some_and(|(_, last)| last.centre_boot != exchange.centre_boot) {
             self.recent.clear();
         }
         let round_trip_ns = exchange.received.0.saturating_sub(exchange.asked.0);
-        let middle_ns = exchange.asked.0 + round_trip_ns / 2;
-        let offset_ns = exchange.answered.0 - i64::try_from(middle_ns).unwrap_or(i64::MAX);
+        let middle_ns = exchange.asked.0.saturating_add(round_trip_ns / 2);
+        let middle_ns = i64::try_from(middle_ns).unwrap_or(i64::MAX);
+        let offset_ns = exchange.answered.0.saturating_sub(middle_ns);
         let error_ns = round_trip_ns / 2 + 1;
         let centre_boot = exchange.centre_boot;
-        self.recent.push_back(ClockEstimate { centre_boot, offset_ns, error_ns });
+        let estimate = ClockEstimate { centre_boot, offset_ns, error_ns };
+        self.recent.push_back((exchange.received, estimate));
         if WINDOW < self.recent.len() {
             self.recent.pop_front();
         }
     }
 
-    /// The best estimate, if any exchange succeeded.
+    /// The best estimate at `now`, if any exchange succeeded. Its error grows with its age.
     #[must_use]
-    pub fn estimate(&self) -> Option<ClockEstimate> {
-        self.recent.iter().min_by_key(|estimate| estimate.error_ns).copied()
+    pub fn estimate(&self, now: NodeTime) -> Option<ClockEstimate> {
+        let aged = self.recent.iter().map(|(received, estimate)| {
+            let age_ns = now.0.saturating_sub(received.0);
+            let drift_ns = age_ns / 1_000_000 * DRIFT_PER_MILLION;
+            ClockEstimate { error_ns: estimate.error_ns.saturating_add(drift_ns), ..*estimate }
+        });
+        aged.min_by_key(|estimate| estimate.error_ns)
     }
 }
 
@@ -114,7 +122,7 @@ mod tests {
             for offset in [-5_000_000, 0, 7_000_000] {
                 let mut filter = ClockFilter::default();
                 filter.add(&exchange(1_000_000, there, back, offset));
-                let estimate = filter.estimate().unwrap();
+                let estimate = filter.estimate(NodeTime(1_001_000)).unwrap();
                 assert!(estimate.offset_ns.abs_diff(offset) <= estimate.error_ns);
             }
         }
@@ -126,10 +134,22 @@ mod tests {
         filter.add(&exchange(0, 10_000, 0, 42));
         filter.add(&exchange(1_000_000, 10, 10, 42));
         filter.add(&exchange(2_000_000, 0, 90_000, 42));
-        assert_eq!(filter.estimate().unwrap().offset_ns, 42);
+        assert_eq!(filter.estimate(NodeTime(2_100_000)).unwrap().offset_ns, 42);
         let mut restarted = exchange(3_000_000, 70_000, 70_000, -9);
         restarted.centre_boot = BootId(2);
         filter.add(&restarted);
-        assert_eq!(filter.estimate().unwrap().offset_ns, -9);
+        assert_eq!(filter.estimate(NodeTime(4_000_000)).unwrap().offset_ns, -9);
+    }
+
+    #[test]
+    fn an_old_exchange_gives_way_to_a_worse_but_fresh_one() {
+        let hour_ns = 3_600_000_000_000;
+        let mut filter = ClockFilter::default();
+        filter.add(&exchange(0, 10, 10, 42));
+        filter.add(&exchange(hour_ns, 2_000_000, 2_000_000, 77));
+        let estimate = filter.estimate(NodeTime(hour_ns + 4_000_000)).unwrap();
+        assert_eq!(estimate.offset_ns, 77);
+        let later = filter.estimate(NodeTime(2 * hour_ns)).unwrap();
+        assert!(300_000_000 < later.error_ns, "an hour at 100 ppm is 360 ms: {later:?}");
     }
 }

@@ -9,6 +9,7 @@ use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
 
+use crate::plan::merge;
 use crate::report::{Report, Summary};
 use crate::run::{Options, run, unix_now_s};
 use crate::scenario::{Kill, RecordingPlan, Scenario, find, shipped};
@@ -124,11 +125,20 @@ async fn run_all(
     let scenario = flags.scenario()?;
     let folder = flags.folder(&scenario)?;
     let mut reports: Vec<Report> = Vec::new();
+    let mut failed_seeds = Vec::new();
     for seed in (0..flags.seeds).map(|index| scenario.seed.wrapping_add(index)) {
         let several = 1 < flags.seeds;
         let folder = if several { folder.join(format!("seed-{seed}")) } else { folder.clone() };
         let options = Options { folder: &folder, programs: flags.programs.as_deref(), log_filter };
-        let report = run(Scenario { seed, ..scenario.clone() }, &options, stop).await?;
+        let played = run(Scenario { seed, ..scenario.clone() }, &options, stop).await;
+        let report = match played {
+            Err(error) if several && !stop.is_cancelled() => {
+                tracing::error!(seed, "{error:#}");
+                failed_seeds.push(seed);
+                continue;
+            }
+            played => played?,
+        };
         report.write()?;
         if !flags.format.json {
             process::print(&report.table())?;
@@ -139,7 +149,7 @@ async fn run_all(
     let success = if flags.seeds == 1 {
         reports.first().map(|report| print_one(report, flags.format)).transpose()?.unwrap_or(false)
     } else {
-        print_many(Summary::new(reports, needed_share), &folder, flags.format)?
+        print_many(Summary::new(reports, failed_seeds, needed_share), &folder, flags.format)?
     };
     ensure!(success, "not every node that can be registered was registered within the bounds");
     Ok(())
@@ -167,11 +177,12 @@ impl RunFlags {
         scenario.speed = self.speed.unwrap_or(scenario.speed);
         scenario.period_count = self.periods.or(scenario.period_count);
         if let Some(folder) = &self.recording {
-            scenario.recording = Some(RecordingPlan { folder: folder.clone() });
+            scenario.recording = Some(RecordingPlan { folder: folder.clone(), first_s: None });
         }
         if let Some(solver) = &self.solver {
             let kind = toml::Table::from_iter([("kind".to_owned(), solver.clone().into())]);
-            scenario.centre.insert("solver".to_owned(), kind.into());
+            let centre = toml::Table::from_iter([("solver".to_owned(), kind.into())]);
+            merge(&mut scenario.centre, &centre);
         }
         scenario.kills.extend(self.kills.iter().cloned());
         scenario.kills.sort_by_key(|kill| kill.after_ms);

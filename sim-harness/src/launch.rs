@@ -10,10 +10,21 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use anyhow::Context;
+use serde::Serialize;
 use tokio::process::{Child, Command};
 
 /// After the end of its input a child may take this long; it is bound to stop within five seconds.
 const STOP_LIMIT: Duration = Duration::from_secs(7);
+
+/// A process that ended before it should.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Incident {
+    pub(crate) who: String,
+    pub(crate) how: String,
+    /// It exited; it was not killed.
+    #[serde(skip)]
+    pub(crate) by_itself: bool,
+}
 
 /// How a child is started.
 #[derive(Clone, Debug)]
@@ -59,7 +70,7 @@ impl Processes {
         &mut self,
         who: &str,
         program: &str,
-        config: &impl serde::Serialize,
+        config: &impl Serialize,
     ) -> anyhow::Result<()> {
         let path = self.folder.join("config").join(format!("{who}.toml"));
         std::fs::write(&path, toml::to_string(config)?)
@@ -89,15 +100,19 @@ impl Processes {
         running.child.kill().await.with_context(|| format!("killing {who}"))
     }
 
-    /// Processes that have ended since the last call, with how.
-    pub(crate) fn ended(&mut self) -> Vec<(String, String)> {
+    /// Processes that have ended since the last call.
+    pub(crate) fn ended(&mut self) -> Vec<Incident> {
         let mut ended = Vec::new();
         for (who, running) in &mut self.running {
             if !running.has_ended
                 && let Ok(Some(status)) = running.child.try_wait()
             {
                 running.has_ended = true;
-                ended.push((who.clone(), status.to_string()));
+                ended.push(Incident {
+                    who: who.clone(),
+                    how: status.to_string(),
+                    by_itself: status.code().is_some(),
+                });
             }
         }
         ended
@@ -116,14 +131,21 @@ impl Processes {
         lines.into_iter().rev().collect::<Vec<_>>().join("\n")
     }
 
-    /// Asks every process to stop, waits, and kills what has not.
-    pub(crate) async fn stop(&mut self) {
+    /// Asks every process to stop, waits, and kills what has not. Returns those that did not end
+    /// well.
+    pub(crate) async fn stop(&mut self) -> Vec<Incident> {
+        let mut incidents = Vec::new();
         for running in self.running.values_mut() {
             drop(running.child.stdin.take());
         }
         let deadline = tokio::time::Instant::now() + STOP_LIMIT;
         for (who, running) in &mut self.running {
-            if tokio::time::timeout_at(deadline, running.child.wait()).await.is_ok() {
+            let waited = tokio::time::timeout_at(deadline, running.child.wait()).await;
+            if let Ok(Ok(status)) = waited {
+                if !running.has_ended && !status.success() {
+                    let how = format!("{status} when asked to stop");
+                    incidents.push(Incident { who: who.clone(), how, by_itself: true });
+                }
                 continue;
             }
             let killed = running.child.kill().await;
@@ -131,6 +153,7 @@ impl Processes {
         }
         // The links point into this machine; the run's folder may travel.
         drop(std::fs::remove_dir_all(self.folder.join("bin")));
+        incidents
     }
 }
 

@@ -72,7 +72,7 @@ impl Seen {
     /// Whether its source has ended, well or badly.
     pub(crate) fn has_finished(&self) -> bool {
         let source = self.status.as_ref().map(|status| &status.source);
-        matches!(source, Some(SourceState::Finished | SourceState::Failed(_)))
+        source == Some(&SourceState::Finished)
     }
 
     /// Whether the centre has taken its last set, and solved with it where that can be.

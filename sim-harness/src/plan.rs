@@ -62,6 +62,7 @@ fn agent(
         Some(recording) => {
             config.source = SourceKind::Recorded;
             config.recorded.path = scenario.recording_of(&recording.folder, &node.id)?;
+            config.recorded.first_s = recording.first_s;
             config.recorded.period_count = scenario.period_count;
             config.group.period_s = scenario.period_s;
             config.group.sensor_height_m = node.height_m;
@@ -88,7 +89,8 @@ fn overlaid<T: Serialize + DeserializeOwned>(base: &T, table: &toml::Table) -> a
     Ok(merged.try_into()?)
 }
 
-fn merge(into: &mut toml::Table, from: &toml::Table) {
+/// Puts the keys of `from` over those of `into`, however deep they lie.
+pub(crate) fn merge(into: &mut toml::Table, from: &toml::Table) {
     for (key, value) in from {
         match (into.get_mut(key), value) {
             (Some(toml::Value::Table(inner)), toml::Value::Table(values)) => merge(inner, values),

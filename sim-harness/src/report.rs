@@ -11,6 +11,7 @@ use proto::wire::FusedTarget;
 use serde::Serialize;
 
 use crate::draw;
+use crate::launch::Incident;
 use crate::observe::{Observer, Seen};
 use crate::plan::Plan;
 use crate::resources::Usage;
@@ -29,7 +30,7 @@ pub(crate) struct Report {
     pub(crate) last_picture: Vec<FusedTarget>,
     pub(crate) picture_count: u64,
     /// Processes that ended on the way.
-    pub(crate) incidents: Vec<String>,
+    pub(crate) incidents: Vec<Incident>,
     pub(crate) resources: BTreeMap<String, Usage>,
     pub(crate) folder: PathBuf,
 }
@@ -39,7 +40,7 @@ impl Report {
         plan: &Plan,
         observer: &Observer,
         resources: BTreeMap<String, Usage>,
-        incidents: Vec<String>,
+        incidents: Vec<Incident>,
     ) -> Self {
         let unseen = Seen::default();
         let nodes: Vec<NodeScore> = plan
@@ -47,7 +48,9 @@ impl Report {
             .nodes
             .iter()
             .map(|node| {
-                score(&plan.scenario, node, observer.nodes.get(&node.id).unwrap_or(&unseen))
+                let seen = observer.nodes.get(&node.id).unwrap_or(&unseen);
+                let was_lost = incidents.iter().any(|lost| lost.who == node.id.as_str());
+                NodeScore { was_lost, ..score(&plan.scenario, node, seen) }.judged()
             })
             .collect();
         let solver = observer.nodes.values().filter_map(|seen| seen.registration.as_ref());
@@ -183,11 +186,14 @@ pub(crate) struct Summary {
     pub(crate) position_error_rms_m: f64,
     pub(crate) angle_error_rms_deg: f64,
     pub(crate) mean_normalised_error: f64,
+    /// Seeds whose run could not be played to its end; they count as not successful.
+    pub(crate) failed_seeds: Vec<u64>,
     pub(crate) runs: Vec<Report>,
 }
 
 impl Summary {
-    pub(crate) fn new(runs: Vec<Report>, needed_share: f64) -> Self {
+    pub(crate) fn new(runs: Vec<Report>, failed_seeds: Vec<u64>, needed_share: f64) -> Self {
+        let run_count = runs.len() + failed_seeds.len();
         let success_count = runs.iter().filter(|run| run.success).count();
         let scored = || runs.iter().flat_map(|run| &run.nodes).filter(|node| !node.is_reference);
         let mean = |of: fn(&NodeScore) -> Option<f64>| {
@@ -196,12 +202,13 @@ impl Summary {
         };
         Self {
             scenario: runs.first().map_or_else(String::new, |run| run.scenario.clone()),
-            run_count: runs.len(),
+            run_count,
             success_count,
-            success: needed_share * runs.len() as f64 <= success_count as f64,
+            success: needed_share * run_count as f64 <= success_count as f64,
             position_error_rms_m: mean(|node| Some(node.position_error_m?.powi(2))).sqrt(),
             angle_error_rms_deg: mean(|node| Some(node.angle_error_deg?.powi(2))).sqrt(),
             mean_normalised_error: mean(|node| node.normalised_error),
+            failed_seeds,
             runs,
         }
     }

@@ -10,7 +10,7 @@ use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use crate::launch::Processes;
+use crate::launch::{Incident, Processes};
 use crate::observe::{Observer, join};
 use crate::plan::{Plan, plan};
 use crate::progress::Progress;
@@ -63,12 +63,13 @@ pub(crate) async fn run(
         () = stop.cancelled() => Err(anyhow::anyhow!("stopped before the end")),
         result = play(&plan, &mut processes, progress) => result,
     };
-    processes.stop().await;
-    let (observer, sampler, incidents) = result?;
+    let not_well = processes.stop().await;
+    let (observer, sampler, mut incidents) = result?;
+    incidents.extend(not_well);
     Ok(Report::new(&plan, &observer, sampler.finish(), incidents))
 }
 
-type Played = (Observer, Sampler, Vec<String>);
+type Played = (Observer, Sampler, Vec<Incident>);
 
 async fn play(
     plan: &Plan,
@@ -114,7 +115,7 @@ async fn wait_for_centre(
             Ok(joined) => return Ok(joined),
             Err(failure) => failure,
         };
-        if let Some((who, how)) = processes.ended().into_iter().next() {
+        if let Some(Incident { who, how, .. }) = processes.ended().into_iter().next() {
             bail!("{who} ended at once ({how}):\n{}", processes.log_tail(&who));
         }
         if deadline < Instant::now() {
@@ -133,7 +134,7 @@ struct Stage<'a> {
     start: Instant,
     observer: Observer,
     sampler: Sampler,
-    incidents: Vec<String>,
+    incidents: Vec<Incident>,
     restart_at: Option<Instant>,
     next_kill: usize,
 }
@@ -183,14 +184,16 @@ impl Stage<'_> {
             self.processes.kill(&kill.who).await?;
             self.next_kill += 1;
         }
-        for (who, how) in self.processes.ended() {
-            let after_s = self.start.elapsed().as_secs_f64();
-            let incident = format!("{who} ended after {after_s:.1} s ({how})");
-            self.progress.say(&incident);
-            self.incidents.push(incident);
+        for Incident { who, how, by_itself } in self.processes.ended() {
+            if by_itself {
+                bail!("{who} ended ({how}):\n{}", self.processes.log_tail(&who));
+            }
+            let how = format!("{how} after {:.1} s", self.start.elapsed().as_secs_f64());
+            self.progress.say(&format!("{who} ended: {how}"));
             if who == "centre" {
                 self.restart_at = Some(Instant::now() + RESTART_DELAY);
             }
+            self.incidents.push(Incident { who, how, by_itself });
         }
         if self.restart_at.is_some_and(|at| at <= Instant::now()) {
             self.restart_at = None;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
+use node_agent::source::recorded::read_recording;
 use proto::geom::{Node, Ref, Se2, World};
 use proto::ids::NodeId;
 use serde::{Deserialize, Serialize};
@@ -140,6 +141,8 @@ impl NodePlan {
 pub struct RecordingPlan {
     /// The folder.
     pub folder: PathBuf,
+    /// Time in the recording at which to start; that of the earliest detection if left out.
+    pub first_s: Option<f64>,
 }
 
 /// A process to kill without warning.
@@ -234,8 +237,12 @@ impl Scenario {
     /// # Errors
     /// If a file is missing, or something makes no sense.
     pub fn resolve(mut self) -> anyhow::Result<Self> {
-        if let Some(recording) = self.recording.clone() {
+        if let Some(mut recording) = self.recording.take() {
             self.take_extrinsics(&recording.folder)?;
+            if recording.first_s.is_none() {
+                recording.first_s = self.earliest_s(&recording.folder)?;
+            }
+            self.recording = Some(recording);
         }
         ensure!(2 <= self.nodes.len(), "scenario {}: list at least two nodes", self.name);
         let ids: std::collections::BTreeSet<&NodeId> = self.nodes.iter().map(|n| &n.id).collect();
@@ -289,6 +296,18 @@ impl Scenario {
         };
         // Agents may be started elsewhere.
         found.canonicalize().with_context(|| found.display().to_string())
+    }
+
+    /// When the earliest detection of any node was: agents must cut the recording alike.
+    fn earliest_s(&self, folder: &Path) -> anyhow::Result<Option<f64>> {
+        let mut earliest_s: Option<f64> = None;
+        for node in &self.nodes {
+            let recording = read_recording(&self.recording_of(folder, &node.id)?)?;
+            if let Some(first) = recording.detections.first() {
+                earliest_s = Some(earliest_s.map_or(first.time_s, |s| s.min(first.time_s)));
+            }
+        }
+        Ok(earliest_s)
     }
 
     /// The true pose of a node in the reference node's frame.

@@ -30,6 +30,8 @@ pub(crate) struct NodeScore {
     pub(crate) normalised_error: Option<f64>,
     pub(crate) outcome: String,
     pub(crate) missing: Option<String>,
+    /// Its process ended before the run did.
+    pub(crate) was_lost: bool,
     pub(crate) within_bounds: bool,
     pub(crate) solve_ms: f64,
     pub(crate) periods_used: u32,
@@ -40,6 +42,8 @@ pub(crate) struct NodeScore {
     pub(crate) sets_received: u64,
     pub(crate) sets_missing: u64,
     pub(crate) sets_dropped: u64,
+    pub(crate) periods_skipped: u64,
+    pub(crate) frames_refused: u64,
     pub(crate) messages_refused: u64,
     pub(crate) transform_latency: Option<LatencyReport>,
 }
@@ -53,8 +57,7 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
     let pose: Option<Se2<Ref, Node>> = transform.map(|t| t.pose_ref_from_node.into());
     let errors = pose.map(|pose| errors(&pose, &truth));
     let bounds = scenario.bounds.of(&node.id);
-    let was_killed = scenario.kills.iter().any(|kill| kill.who == node.id.as_str());
-    let within_bounds = errors.map_or(bounds.is_optional || was_killed, |errors| {
+    let within_bounds = errors.map_or(bounds.is_optional, |errors| {
         let angle_deg = errors.angle_rad.abs().to_degrees();
         errors.position_m <= bounds.position_m && angle_deg <= bounds.angle_deg
     });
@@ -78,6 +81,7 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
         normalised_error: errors.zip(covariance).and_then(|(e, c)| e.normalised(&c)),
         outcome,
         missing,
+        was_lost: false,
         within_bounds: within_bounds || is_reference,
         solve_ms: evidence.solve_ms,
         periods_used: evidence.period_count,
@@ -88,8 +92,18 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
         sets_received: line.map_or(0, |line| line.received_count),
         sets_missing: line.map_or(0, |line| line.missing_count),
         sets_dropped: status.map_or(0, |status| status.counters.dropped_set_count),
+        periods_skipped: status.map_or(0, |status| status.counters.skipped_period_count),
+        frames_refused: status.map_or(0, |status| status.counters.refused_frame_count),
         messages_refused: line.map_or(0, |line| line.refused_count),
         transform_latency: status.and_then(|status| status.latency),
+    }
+}
+
+impl NodeScore {
+    /// A node that was lost on the way had no chance to reach the bounds: it is not held against
+    /// the result.
+    pub(crate) fn judged(self) -> Self {
+        Self { within_bounds: self.within_bounds || self.was_lost, ..self }
     }
 }
 

@@ -63,7 +63,7 @@ impl Grid {
     pub(super) fn period(&self, time: CentreTime) -> i64 {
         let Some(anchor) = self.anchor else { return 0 };
         let from_anchor_ns = time.0.saturating_sub(anchor.middle.0);
-        anchor.period + (from_anchor_ns + self.period_ns / 2).div_euclid(self.period_ns)
+        anchor.period + from_anchor_ns.saturating_add(self.period_ns / 2).div_euclid(self.period_ns)
     }
 
     /// The middle of a period.

@@ -47,8 +47,6 @@ pub struct KeptSet {
     pub time: CentreTime,
     /// When it came.
     pub arrival: CentreTime,
-    /// Whether the node's clock was good enough to register with it.
-    pub for_registration: bool,
     /// The targets' middles.
     pub points: Vec<KeptPoint>,
 }
@@ -63,8 +61,7 @@ impl KeptSet {
             snr_db: point.snr_db,
         });
         let (boot, sequence) = (set.stamp.boot, set.stamp.sequence);
-        let points = points.collect();
-        Self { boot, sequence, time, arrival, for_registration: true, points }
+        Self { boot, sequence, time, arrival, points: points.collect() }
     }
 }
 
@@ -148,7 +145,6 @@ impl NodeHistory {
     /// its sets stay: the node did not move because its agent restarted.
     pub fn hear(&mut self, now: CentreTime, boot: BootId) -> Life {
         if self.former.contains(&boot) {
-            self.late_count += 1;
             return Life::Former;
         }
         self.last_heard = self.last_heard.max(now);
@@ -157,7 +153,9 @@ impl NodeHistory {
         }
         if self.first_sequence.is_some() {
             self.former.push_back(self.boot);
-            self.former.truncate(FORMER_LIFE_COUNT);
+            if FORMER_LIFE_COUNT < self.former.len() {
+                self.former.pop_front();
+            }
         }
         self.boot = boot;
         self.clock = None;

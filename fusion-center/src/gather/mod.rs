@@ -44,6 +44,35 @@ pub enum Offer {
     TooManyNodes,
 }
 
+impl Offer {
+    /// A short label, for counting.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Kept(_) => "kept",
+            Self::AwaitsClock => "awaits_clock",
+            Self::Duplicate => "duplicate",
+            Self::Late => "late",
+            Self::FromTheFuture => "from_the_future",
+            Self::FormerLife => "former_life",
+            Self::TooManyNodes => "too_many_nodes",
+        }
+    }
+
+    /// Why a set was not kept, and what to do about it.
+    #[must_use]
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::Kept(_) | Self::AwaitsClock => "it is used",
+            Self::Duplicate => "it came before, or its period has a set of this node",
+            Self::Late => "it is older than gather.window_count periods",
+            Self::FromTheFuture => "measured after it arrived: the node's clock is wrong",
+            Self::FormerLife => "another agent has followed: are there two of this name?",
+            Self::TooManyNodes => "gather.max_node_count nodes are known: raise it, or restart",
+        }
+    }
+}
+
 /// The sets of all nodes, by period.
 #[derive(Debug)]
 pub struct Gather {
@@ -84,7 +113,9 @@ impl Gather {
     pub fn offer(&mut self, now: CentreTime, set: Received<PointSet>) -> (Offer, Vec<i64>) {
         let node = set.body.node.clone();
         let known = self.nodes.contains_key(&node);
-        if !known && self.config.max_node_count <= self.nodes.len() {
+        // The reference node always finds a place.
+        let is_reference = node == self.reference;
+        if !known && !is_reference && self.config.max_node_count <= self.nodes.len() {
             return (Offer::TooManyNodes, Vec::new());
         }
         let window_count = self.config.window_count;
@@ -92,6 +123,7 @@ impl Gather {
             self.nodes.entry(node.clone()).or_insert_with(|| NodeHistory::new(window_count));
         let life = history.hear(now, set.stamp.boot);
         if life == Life::Former {
+            history.late_count += 1;
             return (Offer::FormerLife, Vec::new());
         }
         if !history.count_arrival(set.stamp.sequence) {
@@ -140,10 +172,21 @@ impl Gather {
             self.nodes.values_mut().for_each(|other| other.place_anew(&self.grid));
         }
         let period = self.grid.period(time);
-        let max_error_ns = Duration::from_secs_f64(self.config.max_clock_error_s).as_nanos();
-        let for_registration = u128::from(clock.error_ns) <= max_error_ns;
-        let kept = KeptSet { for_registration, ..KeptSet::new(time, arrival, &set) };
+        let kept = KeptSet::new(time, arrival, &set);
         self.nodes.get_mut(node).map_or(Offer::TooManyNodes, |placed| placed.keep(period, kept))
+    }
+
+    /// Whether the node's clock is known well enough to register with its sets.
+    #[must_use]
+    pub fn is_clock_good(&self, history: &NodeHistory) -> bool {
+        let max_error_ns = Duration::from_secs_f64(self.config.max_clock_error_s).as_nanos();
+        history.clock.is_some_and(|clock| u128::from(clock.error_ns) <= max_error_ns)
+    }
+
+    /// Whether [`Self::close_next`] has passed this period.
+    #[must_use]
+    pub fn is_closed(&self, period: i64) -> bool {
+        self.closed_through.is_some_and(|closed| period <= closed)
     }
 
     /// Whether the node was heard within the limit.

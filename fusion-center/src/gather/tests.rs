@@ -128,7 +128,10 @@ fn a_vague_clock_is_shown_but_not_registered_with() {
     let mut vague = set("n1", 0, 10_000);
     vague.body.clock = Some(ClockEstimate { error_ns: 30_000_000, ..clock() });
     gather.offer(ms(10_020), vague);
-    assert!(!gather.node(&id("n1")).unwrap().sets()[&0].for_registration);
+    let history = gather.node(&id("n1")).unwrap();
+    assert!(history.sets().len() == 1 && !gather.is_clock_good(history));
+    gather.learn_clock(&id("n1"), clock());
+    assert!(gather.is_clock_good(gather.node(&id("n1")).unwrap()));
 }
 
 #[test]
@@ -154,6 +157,29 @@ fn a_restarted_agent_is_a_new_life_and_a_namesake_is_noticed() {
     let history = gather.node(&id("n2")).unwrap();
     assert_eq!((history.received_count, history.sets().len()), (1, 4), "the sets stay");
     assert_eq!(offer(&mut gather, "n2", 4), Offer::FormerLife);
+}
+
+#[test]
+fn the_newest_of_many_former_lives_is_remembered() {
+    let mut gather = gather();
+    for life in 1..=20 {
+        let mut reborn = set("n2", 0, 10_000 + 100 * i64::try_from(life).unwrap());
+        reborn.stamp.boot = BootId(life);
+        assert!(matches!(gather.offer(ms(13_000), reborn).0, Offer::Kept(_)));
+    }
+    let mut straggler = set("n2", 1, 12_000);
+    straggler.stamp.boot = BootId(19);
+    assert_eq!(gather.offer(ms(13_000), straggler).0, Offer::FormerLife);
+}
+
+#[test]
+fn the_reference_always_finds_a_place() {
+    let mut gather = gather();
+    for node in ["x1", "x2", "x3"] {
+        offer(&mut gather, node, 0);
+    }
+    assert_eq!(offer(&mut gather, "x4", 0), Offer::TooManyNodes);
+    assert!(matches!(offer(&mut gather, "n1", 0), Offer::Kept(_)));
 }
 
 #[test]

@@ -1,12 +1,9 @@
 //! From deliveries to checked messages; what is refused is counted and named.
 
-use std::collections::BTreeMap;
-
 use proto::bus::{BusEvent, Delivery};
 use proto::ids::NodeId;
 use proto::keys::{Keys, Topic};
 use proto::wire::{ClockProbe, Command, Message, NodeStatus, PointSet, Received, Refusal, decode};
-use tracing::warn;
 
 /// A delivery that makes sense.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,44 +40,6 @@ pub(super) struct Refused {
     pub(super) reason: String,
 }
 
-/// Keys for which refusals are counted apart; beyond them, all count as one.
-const MAX_COUNTED_KEYS: usize = 256;
-
-/// Messages refused so far.
-#[derive(Clone, Debug, Default)]
-pub struct Refusals {
-    counts: BTreeMap<(String, &'static str), u64>,
-}
-
-impl Refusals {
-    /// Counts a refusal, and names it in the log when its count reaches a power of two: a flood
-    /// of garbage must not become a flood of log lines.
-    pub(super) fn count(&mut self, refused: &Refused) {
-        let crowded = MAX_COUNTED_KEYS <= self.counts.len();
-        let entry = (refused.key.clone(), refused.label);
-        let other = ("(other keys)".to_owned(), refused.label);
-        let place = if crowded && !self.counts.contains_key(&entry) { other } else { entry };
-        let count = self.counts.entry(place).or_default();
-        *count += 1;
-        if count.is_power_of_two() {
-            let Refused { key, label, reason, .. } = refused;
-            warn!(%key, label, count, %reason, "message refused");
-        }
-    }
-
-    /// How many messages were refused, by key and label.
-    #[must_use]
-    pub fn counts(&self) -> &BTreeMap<(String, &'static str), u64> {
-        &self.counts
-    }
-
-    /// How many messages were refused for one reason.
-    #[must_use]
-    pub fn total(&self, label: &str) -> u64 {
-        self.counts.iter().filter(|((_, l), _)| *l == label).map(|(_, count)| count).sum()
-    }
-}
-
 /// Reads a delivery.
 pub(super) fn read(keys: &Keys, delivery: &Delivery) -> Result<Inbound, Refused> {
     let refused = |node: Option<&NodeId>, label, reason| Refused {
@@ -93,6 +52,10 @@ pub(super) fn read(keys: &Keys, delivery: &Delivery) -> Result<Inbound, Refused>
         keys.parse(&delivery.key).map_err(|error| refused(None, "key", error.to_string()))?;
     let bytes = match (&delivery.event, &topic) {
         (BusEvent::Message(bytes), _) => bytes,
+        (BusEvent::Oversized(length), _) => {
+            let reason = format!("{length} bytes, more than any message has");
+            return Err(refused(None, "oversized", reason));
+        }
         (event, Topic::NodeLive(node, _)) => {
             let alive = *event == BusEvent::Appeared;
             return Ok(Inbound::Life { node: node.clone(), alive });

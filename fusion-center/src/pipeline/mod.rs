@@ -19,31 +19,36 @@ use std::time::Duration;
 use proto::bus::Delivery;
 use proto::ids::{BootId, NodeId};
 use proto::keys::{Keys, Topic};
+use proto::refusals::Refusals;
 use proto::time::CentreTime;
 use proto::wire::{
     ClockAnswer, ClockProbe, Command, Message, NodeStatus, Picture, PointSet, Received, Stamp,
 };
 use tracing::{info, warn};
 
-pub use inbox::Refusals;
 pub use poses::{Job, Poses, Solved};
 
 use crate::config::CentreConfig;
 use crate::fuse::{Sighting, fuse, place};
-use crate::gather::{Gather, Offer};
+use crate::gather::{Gather, Life, Offer};
 use inbox::Inbound;
 use outbox::Outbox;
 
 /// The picture is published at least this often, so that silence shows.
 const PICTURE_INTERVAL: Duration = Duration::from_secs(1);
 
+/// Most points that one picture is made of; joining them costs the square of this.
+const MAX_SIGHTING_COUNT: usize = 512;
+
 /// What happens to the centre.
 #[derive(Debug)]
 pub enum Event {
-    /// The bus delivered something.
-    Delivered(Delivery),
+    /// The bus delivered something, which arrived at this time.
+    Delivered(Delivery, CentreTime),
     /// A registration asked for by [`Effect::Solve`] is done.
     Solved(Box<Solved>),
+    /// A registration asked for came to nothing: the solver broke.
+    SolveFailed(NodeId),
     /// Time has passed.
     Tick,
 }
@@ -94,8 +99,9 @@ impl Centre {
     /// Takes one event in at `now` and says what is to be done.
     pub fn step(&mut self, now: CentreTime, event: Event) -> Vec<Effect> {
         match event {
-            Event::Delivered(delivery) => self.on_delivery(now, &delivery),
+            Event::Delivered(delivery, arrived) => self.on_delivery(now, arrived, &delivery),
             Event::Solved(solved) => self.on_solved(now, &solved),
+            Event::SolveFailed(node) => self.poses.give_up(&node),
             Event::Tick => {}
         }
         self.close_periods(now);
@@ -103,16 +109,16 @@ impl Centre {
         self.outbox.take()
     }
 
-    fn on_delivery(&mut self, now: CentreTime, delivery: &Delivery) {
+    fn on_delivery(&mut self, now: CentreTime, arrived: CentreTime, delivery: &Delivery) {
         match inbox::read(&self.keys, delivery) {
-            Ok(Inbound::Points(set)) => self.on_points(now, set),
+            Ok(Inbound::Points(set)) => self.on_points(now, arrived, set),
             Ok(Inbound::Status(status)) => self.on_status(now, &status),
-            Ok(Inbound::Probe(probe)) => self.on_probe(now, &probe),
+            Ok(Inbound::Probe(probe)) => self.on_probe(arrived, &probe),
             Ok(Inbound::Command(command)) => self.on_command(now, &command.body),
             Ok(Inbound::Life { node, alive }) => info!(%node, alive, "liveliness"),
             Ok(Inbound::Nothing) => {}
             Err(refused) => {
-                self.refusals.count(&refused);
+                self.refusals.count(&refused.key, refused.label, &refused.reason);
                 let node = refused.node.as_ref();
                 if let Some(history) = node.and_then(|node| self.gather.node_mut(node)) {
                     history.refused_count += 1;
@@ -121,41 +127,47 @@ impl Centre {
         }
     }
 
-    fn on_points(&mut self, now: CentreTime, set: Received<PointSet>) {
+    fn on_points(&mut self, now: CentreTime, arrived: CentreTime, set: Received<PointSet>) {
         let node = set.body.node.clone();
-        let (boot, sequence) = (set.stamp.boot, set.stamp.sequence);
-        let (offer, mut periods) = self.gather.offer(now, set);
+        let (offer, mut periods) = self.gather.offer(arrived, set);
         match offer {
             Offer::Kept(period) => periods.push(period),
             Offer::AwaitsClock | Offer::Duplicate => {}
-            Offer::Late | Offer::FromTheFuture => warn!(%node, sequence, ?offer, "set not used"),
-            Offer::FormerLife => {
-                warn!(%node, %boot, "set of a former life: are there two agents of this name?");
+            unused => {
+                let key = self.keys.key(&Topic::Points(node.clone()));
+                self.refusals.count(&key, unused.label(), unused.reason());
             }
-            Offer::TooManyNodes => warn!(%node, "refused: gather.max_node_count nodes are known"),
         }
         self.register(&node, &periods);
+        self.complete_pictures(now, &periods);
     }
 
     fn on_status(&mut self, now: CentreTime, status: &Received<NodeStatus>) {
         let node = &status.body.node;
         let Some(history) = self.gather.node_mut(node) else { return };
-        history.hear(now, status.stamp.boot);
+        if history.hear(now, status.stamp.boot) == Life::Former {
+            return;
+        }
         if let Some(clock) = status.body.clock {
             let periods = self.gather.learn_clock(node, clock);
             self.register(node, &periods);
+            self.complete_pictures(now, &periods);
         }
     }
 
-    fn on_probe(&mut self, now: CentreTime, probe: &Received<ClockProbe>) {
+    fn on_probe(&mut self, arrived: CentreTime, probe: &Received<ClockProbe>) {
         let ClockProbe { node, asked } = probe.body.clone();
-        let answer = ClockAnswer { node: node.clone(), asked, answered: now };
-        self.outbox.publish(now, Topic::ClockAnswer(node), &answer);
+        let answer = ClockAnswer { node: node.clone(), asked, answered: arrived };
+        self.outbox.publish(arrived, Topic::ClockAnswer(node), &answer);
     }
 
     fn on_command(&mut self, now: CentreTime, command: &Command) {
         info!(?command, "operator");
         let Command::Recalibrate { node } = command;
+        if let Some(unknown) = node.as_ref().filter(|node| self.gather.node(node).is_none()) {
+            let known: Vec<String> = self.gather.nodes().map(|(id, _)| id.to_string()).collect();
+            warn!(node = %unknown, ?known, "recalibrate: no such node");
+        }
         let named: Vec<NodeId> = match node {
             Some(one) => vec![one.clone()],
             None => self.gather.nodes().map(|(each, _)| each.clone()).collect(),
@@ -197,14 +209,31 @@ impl Centre {
     fn close_periods(&mut self, now: CentreTime) {
         self.announce_reference(now);
         while let Some(period) = self.gather.close_next(now) {
-            let picture = Picture {
-                reference: self.config.reference.clone(),
-                period,
-                time: self.gather.middle(period),
-                nodes: Vec::new(),
-                targets: fuse(&self.sightings(period), self.config.fuse.gate()),
-            };
+            let picture = self.picture(period);
             self.send_picture(now, picture);
+        }
+    }
+
+    /// Sets that came after their period was closed belong into its picture all the same.
+    fn complete_pictures(&mut self, now: CentreTime, periods: &[i64]) {
+        for period in periods {
+            if self.gather.is_closed(*period) {
+                let picture = self.picture(*period);
+                self.send_picture(now, picture);
+            }
+        }
+    }
+
+    fn picture(&self, period: i64) -> Picture {
+        let mut targets = fuse(&self.sightings(period), self.config.fuse.gate());
+        // One node's wild point must not cost everybody the picture.
+        targets.retain(|target| target.check().is_ok());
+        Picture {
+            reference: self.config.reference.clone(),
+            period,
+            time: self.gather.middle(period),
+            nodes: Vec::new(),
+            targets,
         }
     }
 
@@ -225,11 +254,14 @@ impl Centre {
     fn send_picture(&mut self, now: CentreTime, mut picture: Picture) {
         picture.nodes = poses::node_lines(now, &self.gather, &self.poses);
         self.outbox.publish(now, Topic::Picture, &picture);
-        self.last_picture_sent = Some(now);
-        self.last_picture = Some(picture);
+        if self.last_picture.as_ref().is_none_or(|last| last.period <= picture.period) {
+            self.last_picture_sent = Some(now);
+            self.last_picture = Some(picture);
+        }
     }
 
-    /// The points of all registered nodes in one period, in `Ref`.
+    /// The points of all registered nodes in one period, in `Ref`: the strongest, if they are more
+    /// than a picture holds.
     fn sightings(&self, period: i64) -> Vec<Sighting> {
         let mut sightings = Vec::new();
         for (node, history) in self.gather.nodes() {
@@ -241,6 +273,8 @@ impl Centre {
                 snr_db: point.snr_db,
             }));
         }
+        sightings.sort_by(|one, other| other.snr_db.total_cmp(&one.snr_db));
+        sightings.truncate(MAX_SIGHTING_COUNT);
         sightings
     }
 }

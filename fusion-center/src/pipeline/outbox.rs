@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use proto::ids::BootId;
 use proto::keys::Topic;
 use proto::time::CentreTime;
-use proto::wire::encode;
+use proto::wire::{Kind, encode};
 use tracing::error;
 
 use super::{Effect, Job, Message, stamp};
@@ -13,7 +13,7 @@ use super::{Effect, Job, Message, stamp};
 #[derive(Debug)]
 pub(super) struct Outbox {
     boot: BootId,
-    sequences: BTreeMap<Topic, u64>,
+    sequences: BTreeMap<Kind, u64>,
     effects: Vec<Effect>,
 }
 
@@ -23,7 +23,7 @@ impl Outbox {
     }
 
     pub(super) fn publish<M: Message>(&mut self, now: CentreTime, topic: Topic, message: &M) {
-        let sequence = self.sequences.entry(topic.clone()).or_default();
+        let sequence = self.sequences.entry(M::KIND).or_default();
         match encode(stamp(self.boot, *sequence, now), message) {
             Ok(bytes) => {
                 *sequence += 1;

@@ -19,6 +19,9 @@ use crate::registration::{self, Known, Period, PoseEstimate, Problem, Solution};
 /// A new pose within this many standard deviations (squared, three dimensions) of the old one
 /// refines it; chance exceeds it once in ten thousand.
 const REFINEMENT_GATE: f64 = 21.1;
+/// A pose whose covariance has this many times the determinant of another's is much vaguer: one and
+/// a half times the standard deviation in each of three dimensions.
+const VAGUER: f64 = 11.4;
 /// Most rival poses that are published.
 const MAX_RIVAL_COUNT: usize = 8;
 
@@ -33,6 +36,8 @@ pub struct Job {
     pub sets: SetsUsed,
     /// What the node's last solve found, to go on from.
     pub known: Option<Known>,
+    /// The node's generation when the job was made.
+    generation: u64,
 }
 
 /// A solved [`Job`].
@@ -56,6 +61,9 @@ struct Standing {
     transform_log_odds: f64,
     newest: Option<(Outcome, Evidence, SetsUsed, &'static str)>,
     known: Option<Known>,
+    /// Counts the operator's wishes to start over: solutions of earlier data are not believed.
+    generation: u64,
+    contradiction_count: u64,
     next_epoch: u64,
     in_flight: bool,
     is_due: bool,
@@ -135,7 +143,8 @@ impl Poses {
             return None;
         }
         standing.is_due = false;
-        let job = Job { known: standing.known.clone(), ..job(gather, &self.reference, node)? };
+        let (known, generation) = (standing.known.clone(), standing.generation);
+        let job = Job { known, generation, ..job(gather, &self.reference, node)? };
         standing.in_flight = true;
         Some(job)
     }
@@ -145,6 +154,9 @@ impl Poses {
     pub(super) fn take(&mut self, now: CentreTime, solved: &Solved) {
         let standing = self.standings.entry(solved.job.node.clone()).or_default();
         standing.in_flight = false;
+        if solved.job.generation != standing.generation {
+            return;
+        }
         let evidence = evidence(&solved.solution.evidence, solved.solve_time);
         let outcome = outcome(&solved.solution.outcome);
         standing.newest = Some((outcome, evidence, solved.job.sets, solved.solver));
@@ -153,11 +165,16 @@ impl Poses {
         if solved.solution.outcome != registration::Outcome::Determined {
             return;
         }
-        let confirms = standing.transform.is_none_or(|old| refines(&old, estimate));
-        if !confirms && evidence.log_odds <= standing.transform_log_odds {
-            warn!(node = %solved.job.node, pose = ?estimate.pose_ref_from_node,
-                "contradicts the transform in force and rests on less: not accepted");
-            return;
+        if let Some(old) = standing.transform
+            && evidence.log_odds <= standing.transform_log_odds
+        {
+            if !refines(&old, estimate) {
+                standing.count_contradiction(&solved.job.node, estimate);
+                return;
+            }
+            if is_much_vaguer(&old, estimate) {
+                return;
+            }
         }
         standing.transform = Some(transform(standing.next_epoch, now, estimate));
         standing.transform_log_odds = evidence.log_odds;
@@ -168,6 +185,15 @@ impl Poses {
     pub(super) fn doubt(&mut self, node: &NodeId) {
         if let Some(standing) = self.standings.get_mut(node) {
             standing.transform_log_odds = f64::NEG_INFINITY;
+            standing.known = None;
+            standing.generation += 1;
+        }
+    }
+
+    /// A solve that broke will not report: the node may be solved again.
+    pub(super) fn give_up(&mut self, node: &NodeId) {
+        if let Some(standing) = self.standings.get_mut(node) {
+            standing.in_flight = false;
             standing.known = None;
         }
     }
@@ -198,14 +224,13 @@ impl Poses {
 /// period in which both were heard.
 fn job(gather: &Gather, reference: &NodeId, node: &NodeId) -> Option<Job> {
     let (reference_history, history) = (gather.node(reference)?, gather.node(node)?);
-    let usable = |set: &&KeptSet| set.for_registration;
+    if !(gather.is_clock_good(reference_history) && gather.is_clock_good(history)) {
+        return None;
+    }
     let pairs: Vec<(&KeptSet, &KeptSet)> = history
         .sets()
         .iter()
-        .filter_map(|(period, set)| {
-            let in_ref = reference_history.sets().get(period).filter(usable)?;
-            Some((in_ref, Some(set).filter(usable)?))
-        })
+        .filter_map(|(period, set)| Some((reference_history.sets().get(period)?, set)))
         .collect();
     let ours = || pairs.iter().map(|(_, set)| *set).filter(|set| set.boot == history.boot);
     let last_arrival = pairs.iter().flat_map(|(one, other)| [one.arrival, other.arrival]).max()?;
@@ -218,7 +243,7 @@ fn job(gather: &Gather, reference: &NodeId, node: &NodeId) -> Option<Job> {
         last_arrival,
     };
     let periods = pairs.iter().map(|(in_ref, in_node)| period(in_ref, in_node)).collect();
-    Some(Job { node: node.clone(), problem: Problem { periods }, sets, known: None })
+    Some(Job { node: node.clone(), problem: Problem { periods }, sets, known: None, generation: 0 })
 }
 
 fn period(reference: &KeptSet, node: &KeptSet) -> Period {
@@ -238,6 +263,23 @@ fn transform(epoch: u64, now: CentreTime, estimate: &PoseEstimate) -> Transform 
         std::array::from_fn(|row| std::array::from_fn(|column| estimate.covariance[(row, column)]));
     let pose_ref_from_node = estimate.pose_ref_from_node.into();
     Transform { epoch, accepted: now, pose_ref_from_node, covariance }
+}
+
+impl Standing {
+    fn count_contradiction(&mut self, node: &NodeId, estimate: &PoseEstimate) {
+        self.contradiction_count += 1;
+        if self.contradiction_count.is_power_of_two() {
+            warn!(%node, count = self.contradiction_count, pose = ?estimate.pose_ref_from_node,
+                "contradicts the transform in force and rests on less: not accepted");
+        }
+    }
+}
+
+/// Whether the new pose's uncertainty covers far more than the old one's: poorer data must not
+/// take the place of better ones, while the fluctuation of a sliding window may.
+fn is_much_vaguer(old: &Transform, new: &PoseEstimate) -> bool {
+    let old_covariance = Matrix3::from_fn(|row, column| old.covariance[row][column]);
+    VAGUER * old_covariance.determinant() < new.covariance.determinant()
 }
 
 /// Whether the new pose lies within the old one's and its own uncertainty.

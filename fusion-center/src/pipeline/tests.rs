@@ -122,7 +122,7 @@ async fn last_words(mut world: World) -> (Registration, Picture) {
     world.stop.cancel();
     world.running.await.unwrap();
     let (mut registration, mut picture) = (None, None);
-    while let Ok(Delivery { key, event: BusEvent::Message(bytes) }) = world.said.try_recv() {
+    while let Ok(Delivery { key, event: BusEvent::Message(bytes), .. }) = world.said.try_recv() {
         if key.ends_with("tf/n2") {
             registration = Some(decode::<Registration>(&bytes).unwrap().body);
         } else if key.ends_with("picture") {
@@ -192,7 +192,7 @@ fn stepped(deliveries: &[Delivery]) -> (Centre, Vec<u8>) {
     let mut said = Vec::new();
     for (index, delivery) in deliveries.iter().enumerate() {
         let now = CentreTime(3_000_000_000 + 10_000_000 * i64::try_from(index).unwrap());
-        let mut effects = centre.step(now, Event::Delivered(delivery.clone()));
+        let mut effects = centre.step(now, Event::Delivered(delivery.clone(), now));
         while let Some(effect) = effects.pop() {
             match effect {
                 Effect::Publish(topic, bytes) => {
@@ -213,7 +213,8 @@ fn stepped(deliveries: &[Delivery]) -> (Centre, Vec<u8>) {
 }
 
 fn message(key: &str, bytes: Vec<u8>) -> Delivery {
-    Delivery { key: key.to_owned(), event: BusEvent::Message(bytes) }
+    let event = BusEvent::Message(bytes);
+    Delivery { key: key.to_owned(), event, arrived: tokio::time::Instant::now() }
 }
 
 fn good_traffic() -> Vec<Delivery> {
@@ -288,12 +289,36 @@ fn set_of_n1(traffic: &[Delivery]) -> Vec<u8> {
 }
 
 #[test]
-fn a_flood_of_unknown_keys_does_not_grow_memory() {
-    let traffic: Vec<Delivery> =
-        (0..2000).map(|k| message(&format!("transmural/1/site/up/x/{k}"), vec![])).collect();
+fn a_wild_but_valid_set_does_not_cost_the_picture() {
+    let mut traffic = good_traffic();
+    let mut wild = decode::<PointSet>(&set_of_n1(&traffic)).unwrap();
+    wild.body.points = vec![wild.body.points[0].clone(); 1024];
+    wild.body.points[0].x_m = 99_999.999;
+    wild.body.period = 20;
+    wild.body.time = NodeTime(2_100_000_000);
+    wild.stamp.sequence = 20;
+    let bytes = encode(wild.stamp, &wild.body).unwrap();
+    traffic.push(message("transmural/1/site/up/n1/points", bytes));
     let (centre, _) = stepped(&traffic);
-    assert_eq!(centre.refusals().total("key"), 2000);
-    assert!(centre.refusals().counts().len() <= 258);
+    let picture = centre.last_picture.unwrap();
+    assert_eq!(picture.period, 20, "the period with the wild set has a picture");
+    assert!(picture.targets.len() <= MAX_SIGHTING_COUNT);
+}
+
+#[test]
+fn a_solver_that_breaks_does_not_disable_its_node() {
+    let mut centre = Centre::new(config(), CENTRE);
+    let mut job_count = 0;
+    for (index, delivery) in good_traffic().into_iter().enumerate() {
+        let now = CentreTime(3_000_000_000 + i64::try_from(index).unwrap());
+        for effect in centre.step(now, Event::Delivered(delivery, now)) {
+            if let Effect::Solve(job) = effect {
+                job_count += 1;
+                centre.step(now, Event::SolveFailed(job.node));
+            }
+        }
+    }
+    assert_eq!(job_count, 20);
 }
 
 #[test]
@@ -313,7 +338,7 @@ fn the_clock_is_told_to_whoever_asks() {
     let bytes = encode(Stamp { boot: BootId(1), sequence: 0, sent_ns: 5 }, &probe).unwrap();
     let mut centre = Centre::new(config(), CENTRE);
     let delivery = message("transmural/1/site/up/n1/clock", bytes);
-    let effects = centre.step(CentreTime(1234), Event::Delivered(delivery));
+    let effects = centre.step(CentreTime(1300), Event::Delivered(delivery, CentreTime(1234)));
     let answers: Vec<ClockAnswer> = effects
         .iter()
         .filter_map(|effect| match effect {

@@ -17,9 +17,16 @@ impl Clock {
         Self { origin: Instant::now() }
     }
 
+    /// What it showed at `instant`.
+    #[must_use]
+    pub fn at(&self, instant: Instant) -> CentreTime {
+        let since = instant.saturating_duration_since(self.origin);
+        CentreTime(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
+    }
+
     /// What it shows.
     #[must_use]
     pub fn now(&self) -> CentreTime {
-        CentreTime(i64::try_from(self.origin.elapsed().as_nanos()).unwrap_or(i64::MAX))
+        self.at(Instant::now())
     }
 }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use proto::bus::{Bus, Delivery, ZenohBus};
+use proto::config::BusConfig;
 use proto::ids::BootId;
 use proto::keys::{Keys, Pattern, Topic};
 use tokio::sync::mpsc;
@@ -18,6 +19,9 @@ use crate::registration::{Solver, build};
 
 /// How often the pipeline looks at the time when nothing comes.
 const TICK: Duration = Duration::from_millis(50);
+
+/// Pause between attempts to reach a router.
+const DIAL_PAUSE: Duration = Duration::from_secs(1);
 
 /// What the centre listens to.
 fn patterns() -> [Pattern; 5] {
@@ -37,15 +41,35 @@ fn patterns() -> [Pattern; 5] {
 pub async fn run(config: CentreConfig, stop: CancellationToken) -> anyhow::Result<()> {
     let boot = BootId::random();
     let keys = Keys::new(config.site.clone());
-    let (bus, deliveries) = ZenohBus::open(&config.bus, keys, &patterns())
-        .await
-        .context("is another centre running there? choose another port with --listen")?;
+    let (bus, deliveries) = tokio::select! {
+        () = stop.cancelled() => return Ok(()),
+        joined = join(&config.bus, &keys) => joined?,
+    };
     bus.declare_alive(&Topic::CentreLive(boot)).await?;
     let CentreConfig { site, reference, bus: bus_config, .. } = &config;
     info!(%site, %reference, %boot, listen = ?bus_config.listen, "centre is up");
     serve(Arc::new(config), boot, &bus, deliveries, stop).await;
     bus.close().await;
     Ok(())
+}
+
+/// Opens the port, or dials the router until it answers.
+async fn join(
+    config: &BusConfig,
+    keys: &Keys,
+) -> anyhow::Result<(ZenohBus, mpsc::Receiver<Delivery>)> {
+    loop {
+        let opened = ZenohBus::open(config, keys.clone(), &patterns()).await;
+        if !config.listen.is_empty() {
+            let remedy = "is another centre running there? choose another port with --listen";
+            return opened.context(remedy);
+        }
+        match opened {
+            Ok(joined) => return Ok(joined),
+            Err(error) => warn!(%error, retry_in = ?DIAL_PAUSE, "the router is not there yet"),
+        }
+        tokio::time::sleep(DIAL_PAUSE).await;
+    }
 }
 
 /// Serves deliveries until `stop` or until the bus is gone.
@@ -67,9 +91,12 @@ pub async fn serve(
     loop {
         let event = tokio::select! {
             () = stop.cancelled() => break,
-            Some(done) = solved.recv() => Event::Solved(done),
+            Some(done) = solved.recv() => done,
             delivery = deliveries.recv() => match delivery {
-                Some(delivery) => Event::Delivered(delivery),
+                Some(delivery) => {
+                    let arrived = clock.at(delivery.arrived);
+                    Event::Delivered(delivery, arrived)
+                }
                 None => break,
             },
             _ = ticks.tick() => Event::Tick,
@@ -95,7 +122,7 @@ async fn publish(bus: &impl Bus, topic: &Topic, bytes: Vec<u8>) {
     }
 }
 
-fn start(solver: Arc<dyn Solver>, job: Job, done: mpsc::Sender<Box<Solved>>) {
+fn start(solver: Arc<dyn Solver>, job: Job, done: mpsc::Sender<Event>) {
     tokio::spawn(async move {
         let node = job.node.clone();
         let work = tokio::task::spawn_blocking(move || {
@@ -104,10 +131,14 @@ fn start(solver: Arc<dyn Solver>, job: Job, done: mpsc::Sender<Box<Solved>>) {
             let solve_time = clock.now().since(proto::time::CentreTime(0));
             Box::new(Solved { job, solution, solver: solver.name(), solve_time })
         });
-        match work.await {
-            // The loop has ended if nobody takes it: there is nothing left to tell.
-            Ok(solved) => drop(done.send(solved).await),
-            Err(failure) => error!(%node, %failure, "solving failed"),
-        }
+        let event = match work.await {
+            Ok(solved) => Event::Solved(solved),
+            Err(failure) => {
+                error!(%node, %failure, "solving failed");
+                Event::SolveFailed(node)
+            }
+        };
+        // The loop has ended if nobody takes it: there is nothing left to tell.
+        drop(done.send(event).await);
     });
 }

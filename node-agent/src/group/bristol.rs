@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::Vector2;
 use proto::geom::{Gaussian, Node, Point, Ref, Se2, wrap_angle};
 
-use super::{GroupConfig, group_period, periods};
+use super::{GroupConfig, by_window, group_period};
 use crate::source::recorded::read_recording;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/bristol-3radar");
@@ -30,8 +30,9 @@ fn sightings(sequence: &Path, radar: &str, height_m: f64) -> Sightings {
     let middle = |p: &proto::measured::MeasuredPoint| {
         p.middle(config.half_depth_m, config.half_depth_sigma_m)
     };
-    periods(&recording.detections, &config)
-        .map(|p| (p.index, group_period(p.detections, &config).iter().map(middle).collect()))
+    by_window(recording.detections, config.period_s)
+        .into_iter()
+        .map(|(index, batch)| (index, group_period(&batch, &config).iter().map(middle).collect()))
         .collect()
 }
 

@@ -16,7 +16,7 @@ mod period;
 use proto::measured::MeasuredPoint;
 
 pub use config::{Area, GroupConfig, InvalidGroup};
-pub use period::{Period, periods};
+pub use period::{by_window, window_index};
 
 use crate::source::recorded::Detection;
 

@@ -1,16 +1,18 @@
 //! What comes down: the centre's clock and this node's transform.
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
 use proto::bus::{BusEvent, Delivery};
-use proto::ids::BootId;
+use proto::ids::NodeId;
 use proto::keys::{Keys, Topic};
+use proto::refusals::Refusals;
 use proto::time::{ClockEstimate, ClockFilter, Exchange};
-use proto::wire::{ClockAnswer, LatencyReport, Outcome, Received, Refusal, Registration, decode};
+use proto::wire::{ClockAnswer, LatencyReport, Received, Refusal, Registration, decode};
 use tokio::sync::{mpsc, watch};
-use tracing::{info, warn};
+use tracing::info;
 
-use super::clock::Clock;
+use super::uplink::Sender;
 
 /// Latencies kept for the report.
 const LATENCY_COUNT: usize = 8192;
@@ -22,76 +24,108 @@ pub(super) struct Heard {
     pub(super) latency: Option<LatencyReport>,
 }
 
+/// Longest way of a question and its answer that is believed.
+const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+
 /// Takes deliveries until the bus is gone.
 pub(super) struct Downlink {
-    pub(super) keys: Keys,
-    pub(super) boot: BootId,
-    pub(super) clock: Clock,
-    pub(super) estimate: watch::Sender<Option<ClockEstimate>>,
-    pub(super) heard: watch::Sender<Heard>,
+    keys: Keys,
+    sender: Sender,
+    estimate: watch::Sender<Option<ClockEstimate>>,
+    heard: watch::Sender<Heard>,
+    filter: ClockFilter,
+    latencies: Latencies,
+    refusals: Refusals,
 }
 
 impl Downlink {
-    pub(super) async fn run(self, mut deliveries: mpsc::Receiver<Delivery>) {
-        let mut filter = ClockFilter::default();
-        let mut latencies = Latencies::default();
+    pub(super) fn new(
+        keys: Keys,
+        sender: Sender,
+        estimate: watch::Sender<Option<ClockEstimate>>,
+        heard: watch::Sender<Heard>,
+    ) -> Self {
+        let (filter, latencies) = (ClockFilter::default(), Latencies::default());
+        let refusals = Refusals::default();
+        Self { keys, sender, estimate, heard, filter, latencies, refusals }
+    }
+
+    pub(super) async fn run(mut self, mut deliveries: mpsc::Receiver<Delivery>) {
         while let Some(delivery) = deliveries.recv().await {
-            let BusEvent::Message(bytes) = &delivery.event else { continue };
-            let taken = match self.keys.parse(&delivery.key) {
-                Ok(Topic::ClockAnswer(_)) => {
-                    decode(bytes).map(|answer| self.on_answer(&mut filter, &answer))
-                }
-                Ok(Topic::Transform(_)) => {
-                    decode(bytes).map(|transform| self.on_transform(&mut latencies, &transform))
-                }
-                _ => continue,
-            };
-            if let Err(refusal) = taken {
-                let refusal: Refusal = refusal;
-                warn!(key = %delivery.key, label = refusal.label(), %refusal, "message refused");
+            if let Err((label, reason)) = self.take(&delivery) {
+                self.refusals.count(&delivery.key, label, &reason);
             }
         }
     }
 
-    fn on_answer(&self, filter: &mut ClockFilter, answer: &Received<ClockAnswer>) {
-        let ClockAnswer { asked, answered, .. } = answer.body;
-        let received = self.clock.now();
-        if received < asked {
-            return;
+    /// Takes one delivery, or says with a label and in full why not.
+    fn take(&mut self, delivery: &Delivery) -> Result<(), (&'static str, String)> {
+        let bytes = match &delivery.event {
+            BusEvent::Message(bytes) => bytes,
+            BusEvent::Oversized(length) => {
+                return Err(("oversized", format!("{length} bytes, more than any message has")));
+            }
+            BusEvent::Appeared | BusEvent::Vanished => return Ok(()),
+        };
+        let refused = |refusal: Refusal| (refusal.label(), refusal.to_string());
+        match self.keys.parse(&delivery.key) {
+            Ok(Topic::ClockAnswer(_)) => self.on_answer(&decode(bytes).map_err(refused)?),
+            Ok(Topic::Transform(_)) => self.on_transform(&decode(bytes).map_err(refused)?),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_addressee(&self, node: &NodeId) -> Result<(), (&'static str, String)> {
+        if *node == self.sender.node {
+            return Ok(());
+        }
+        Err(("impostor", format!("it speaks of node {node} under the key of {}", self.sender.node)))
+    }
+
+    fn on_answer(&mut self, answer: &Received<ClockAnswer>) -> Result<(), (&'static str, String)> {
+        let ClockAnswer { node, asked, answered } = &answer.body;
+        self.check_addressee(node)?;
+        let received = self.sender.clock.now();
+        let away = received.0.checked_sub(asked.0).map(Duration::from_nanos);
+        if away.is_none_or(|away| ANSWER_LIMIT < away) {
+            return Err((
+                "unasked",
+                format!("answers a question of {asked:?}, now is {received:?}"),
+            ));
         }
         let centre_boot = answer.stamp.boot;
-        filter.add(&Exchange { asked, answered, received, centre_boot });
+        self.filter.add(&Exchange { asked: *asked, answered: *answered, received, centre_boot });
         let known = self.estimate.borrow().map(|estimate| estimate.centre_boot);
         if known != Some(centre_boot) {
             info!(%centre_boot, "joined the centre's clock");
         }
-        self.estimate.send_replace(filter.estimate());
+        self.estimate.send_replace(self.filter.estimate(received));
+        Ok(())
     }
 
-    fn on_transform(&self, latencies: &mut Latencies, received: &Received<Registration>) {
-        let Registration { transform, outcome, sets, .. } = &received.body;
+    fn on_transform(
+        &mut self,
+        received: &Received<Registration>,
+    ) -> Result<(), (&'static str, String)> {
+        let Registration { node, transform, sets, .. } = &received.body;
+        self.check_addressee(node)?;
         let estimate = *self.estimate.borrow();
-        if let (Some(sets), Some(estimate)) = (sets, estimate)
-            && sets.boot == self.boot
+        if let (Some(sets), Some(estimate), Some(_)) = (sets, estimate, transform)
+            && sets.boot == self.sender.boot
             && estimate.centre_boot == received.stamp.boot
-            && transform.is_some()
         {
-            let now = self.clock.now().to_centre(&estimate);
-            latencies.add(sets.last_sequence, now.since(sets.last_arrival).as_secs_f64() * 1e3);
+            let now = self.sender.clock.now().to_centre(&estimate);
+            let waited_ms = now.since(sets.last_arrival).as_secs_f64() * 1e3;
+            self.latencies.add(sets.last_sequence, waited_ms);
         }
-        let epoch = transform.map(|transform| transform.epoch);
         let before = self.heard.borrow().transform_epoch;
-        match transform {
-            Some(transform) if before.is_none() => {
-                info!(pose = ?transform.pose_ref_from_node, "own transform received");
-            }
-            None if before.is_none() && *outcome != Outcome::Determined => {
-                tracing::debug!(?outcome, "not registered yet");
-            }
-            _ => {}
+        if let (Some(transform), None) = (transform, before) {
+            info!(pose = ?transform.pose_ref_from_node, "own transform received");
         }
-        self.heard
-            .send_replace(Heard { transform_epoch: epoch.or(before), latency: latencies.report() });
+        let transform_epoch = transform.map(|transform| transform.epoch).or(before);
+        let latency = self.latencies.report();
+        self.heard.send_replace(Heard { transform_epoch, latency });
+        Ok(())
     }
 }
 
@@ -146,5 +180,40 @@ mod tests {
         let report = latencies.report().unwrap();
         assert!((report.p50_ms - 101.0).abs() < 1.5 && (report.p99_ms - 199.0).abs() < 1.5);
         assert!((report.max_ms - 200.0).abs() < 1e-9 && report.count == 200);
+    }
+
+    #[tokio::test]
+    async fn garbage_and_words_for_others_are_counted_and_change_nothing() {
+        let clock = super::super::clock::Clock::start();
+        let (boot, node) = (proto::ids::BootId(1), "n1".parse().unwrap());
+        let (estimate, estimate_shown) = watch::channel(None);
+        let (heard, heard_shown) = watch::channel(Heard::default());
+        let keys = Keys::new("lab".parse().unwrap());
+        let mut downlink = Downlink::new(keys, Sender { node, boot, clock }, estimate, heard);
+        let answer = ClockAnswer {
+            node: "n2".parse().unwrap(),
+            asked: clock.now(),
+            answered: proto::time::CentreTime(5),
+        };
+        let stamp = proto::wire::Stamp { boot, sequence: 0, sent_ns: 0 };
+        let for_another = proto::wire::encode(stamp, &answer).unwrap();
+        for key in ["transmural/1/lab/down/clock/n1", "transmural/1/lab/down/tf/n1"] {
+            for (event, label) in [
+                (BusEvent::Message(b"garbage".to_vec()), "too_short"),
+                (BusEvent::Message(vec![7; 900]), "foreign"),
+                (BusEvent::Oversized(9_000_000), "oversized"),
+            ] {
+                let arrived = tokio::time::Instant::now();
+                let delivery = Delivery { key: key.to_owned(), event, arrived };
+                assert_eq!(downlink.take(&delivery).unwrap_err().0, label);
+            }
+        }
+        let delivery = Delivery {
+            key: "transmural/1/lab/down/clock/n1".to_owned(),
+            event: BusEvent::Message(for_another),
+            arrived: tokio::time::Instant::now(),
+        };
+        assert_eq!(downlink.take(&delivery).unwrap_err().0, "impostor");
+        assert!(estimate_shown.borrow().is_none() && heard_shown.borrow().latency.is_none());
     }
 }

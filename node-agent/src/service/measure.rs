@@ -18,7 +18,7 @@ use crate::source::{Frame, SweepSource};
 
 /// A period is measured late rather than not at all, up to this much: a slow moment must not cost
 /// data, while an agent that starts in mid-scenario goes straight to the present.
-const LATE_LIMIT: Duration = Duration::from_secs(1);
+const LATE_LIMIT: Duration = Duration::from_secs(5);
 
 /// What the measuring loop shows of itself.
 #[derive(Clone, Debug)]

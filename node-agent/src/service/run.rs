@@ -1,5 +1,6 @@
 //! One agent: measures from the first moment, joins the network as soon as it is there.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
@@ -21,13 +22,11 @@ use super::uplink::{self, Sender};
 use crate::config::AgentConfig;
 use crate::pipeline::Chain;
 
-/// Sets that wait while the network is away or slow; then the oldest give way.
-const QUEUE_COUNT: usize = 256;
 /// Pauses between attempts to join the network, growing.
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
 const LONGEST_PAUSE: Duration = Duration::from_secs(3);
 /// After the source has ended the last sets are given this long to leave.
-const DRAIN_LIMIT: Duration = Duration::from_secs(2);
+const DRAIN_LIMIT: Duration = Duration::from_secs(1);
 
 /// Runs the agent until its source ends and it is told to stop, or `stop`.
 ///
@@ -39,7 +38,7 @@ pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result
     let source = config.open_source()?;
     let chain = Chain::new(&config.chain).context("configuration: chain")?;
     let output = Output::open(&config.output)?;
-    let (sets, set_receiver) = broadcast::channel(QUEUE_COUNT);
+    let (sets, set_receiver) = broadcast::channel(config.bus.history_count);
     let (progress, progress_shown) = watch::channel(Progress::default());
     let (dropped, dropped_shown) = watch::channel(0);
     info!(node = %config.node, boot = %sender.boot, source = ?config.source, "agent is up");
@@ -76,28 +75,32 @@ impl Network {
             joined = self.join() => joined,
         };
         let (bus, deliveries) = joined;
+        let bus = Arc::new(bus);
         let (estimate, estimate_shown) = watch::channel(None::<ClockEstimate>);
         let (heard, heard_shown) = watch::channel(Heard::default());
         let Self { keys, sender, progress, dropped, .. } = self;
-        let downlink = Downlink { keys, boot: sender.boot, clock: sender.clock, estimate, heard };
-        let reporter = sender.clone();
-        let mut sending = Box::pin(uplink::send_sets(
+        let downlink = Downlink::new(keys, sender.clone(), estimate, heard);
+        // On a task of its own: sending sets may have to wait, and nothing else may wait with it.
+        let mut sending = tokio::spawn(uplink::send_sets(
             sender.clone(),
-            &bus,
+            Arc::clone(&bus),
             sets,
             estimate_shown.clone(),
             dropped,
         ));
+        let asking = uplink::ask_for_time(sender.clone(), bus.as_ref(), estimate_shown.clone());
+        let reporting =
+            uplink::report_status(sender, bus.as_ref(), progress, heard_shown, estimate_shown);
         tokio::select! {
             () = stop.cancelled() => {}
             () = downlink.run(deliveries) => {}
-            () = uplink::ask_for_time(sender, &bus) => {}
-            () = uplink::report_status(reporter, &bus, progress, heard_shown, estimate_shown) => {}
-            () = wait_forever(&mut sending) => {}
+            () = asking => {}
+            () = reporting => {}
         }
         // The measuring loop has stopped too, so the queue ends.
-        if tokio::time::timeout(DRAIN_LIMIT, sending).await.is_err() {
+        if tokio::time::timeout(DRAIN_LIMIT, &mut sending).await.is_err() {
             warn!(limit = ?DRAIN_LIMIT, "the last sets could not be sent");
+            sending.abort();
         }
         bus.close().await;
     }
@@ -126,10 +129,4 @@ impl Network {
         bus.declare_alive(&Topic::NodeLive(node, self.sender.boot)).await?;
         Ok((bus, deliveries))
     }
-}
-
-/// Drives `task` without ever ending: its end is not a reason to leave the network.
-async fn wait_forever(task: &mut (impl Future<Output = ()> + Unpin)) {
-    task.await;
-    std::future::pending::<()>().await;
 }

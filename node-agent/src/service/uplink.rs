@@ -1,5 +1,6 @@
 //! What goes up: point sets in order, the status once a second, and the question for the time.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use proto::bus::Bus;
@@ -47,7 +48,7 @@ impl Sender {
 /// because the network was slower than the radar.
 pub(super) async fn send_sets(
     sender: Sender,
-    bus: &impl Bus,
+    bus: Arc<impl Bus>,
     mut sets: broadcast::Receiver<(u64, PointSet)>,
     clock: watch::Receiver<Option<ClockEstimate>>,
     dropped: watch::Sender<u64>,
@@ -57,7 +58,7 @@ pub(super) async fn send_sets(
         match sets.recv().await {
             Ok((sequence, mut set)) => {
                 set.clock = *clock.borrow();
-                sender.send(bus, &topic, sequence, &set).await;
+                sender.send(bus.as_ref(), &topic, sequence, &set).await;
             }
             Err(RecvError::Lagged(count)) => {
                 warn!(count, "sets dropped: the network is slower than the radar");
@@ -68,13 +69,23 @@ pub(super) async fn send_sets(
     }
 }
 
-/// Asks for the time: a burst at first, then once a second.
-pub(super) async fn ask_for_time(sender: Sender, bus: &impl Bus) {
+/// Asks for the time once a second, and in bursts at first and when another centre answers.
+pub(super) async fn ask_for_time(
+    sender: Sender,
+    bus: &impl Bus,
+    clock: watch::Receiver<Option<ClockEstimate>>,
+) {
     let topic = Topic::ClockProbe(sender.node.clone());
+    let (mut centre, mut asked_count) = (None, 0);
     for sequence in 0.. {
+        let answering = clock.borrow().map(|estimate| estimate.centre_boot);
+        if answering != centre {
+            (centre, asked_count) = (answering, 0);
+        }
         let probe = ClockProbe { node: sender.node.clone(), asked: sender.clock.now() };
         sender.send(bus, &topic, sequence, &probe).await;
-        let pause = if sequence < u64::from(BURST_COUNT) { BURST_INTERVAL } else { PROBE_INTERVAL };
+        asked_count += 1;
+        let pause = if asked_count < BURST_COUNT { BURST_INTERVAL } else { PROBE_INTERVAL };
         tokio::time::sleep(pause).await;
     }
 }
@@ -91,7 +102,7 @@ pub(super) async fn report_status(
     for sequence in 0.. {
         let Progress { source, next_sequence, queue_length, counters } =
             progress.borrow_and_update().clone();
-        let reported = source.clone();
+        let reported = source;
         let Heard { transform_epoch, latency } = *heard.borrow();
         let status = NodeStatus {
             node: sender.node.clone(),

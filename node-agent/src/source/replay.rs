@@ -1,12 +1,13 @@
 //! Detections of a recording, played period by period.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
 use super::recorded::{Detection, read_recording};
 use super::{Frame, SourceError, SweepSource};
-use crate::group::{GroupConfig, periods};
+use crate::group::{GroupConfig, by_window, window_index};
 
 /// A recording to play.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -14,6 +15,9 @@ use crate::group::{GroupConfig, periods};
 pub struct ReplayConfig {
     /// CSV or JSON Lines file of detections.
     pub path: PathBuf,
+    /// Time in the recording at which to start, seconds of its clock; nodes of one recording must
+    /// use the same. The first detection's period if left out.
+    pub first_s: Option<f64>,
     /// Number of periods to play; all if left out.
     pub period_count: Option<u64>,
 }
@@ -25,7 +29,7 @@ pub struct Replay {
     period_s: f64,
     period_count: u64,
     /// By period; those without detections are not there.
-    batches: std::collections::BTreeMap<u64, Vec<Detection>>,
+    batches: BTreeMap<u64, Vec<Detection>>,
 }
 
 impl Replay {
@@ -39,10 +43,12 @@ impl Replay {
             let count = recording.out_of_order_count;
             tracing::warn!(path = %config.path.display(), count, "detections sorted by time");
         }
-        let batches: std::collections::BTreeMap<u64, Vec<Detection>> =
-            periods(&recording.detections, group)
-                .filter(|period| !period.detections.is_empty())
-                .map(|period| (period.index, period.detections.to_vec()))
+        let recorded_first = recording.detections.first().map_or(0.0, |first| first.time_s);
+        let origin = window_index(config.first_s.unwrap_or(recorded_first), group.period_s);
+        let batches: BTreeMap<u64, Vec<Detection>> =
+            by_window(recording.detections, group.period_s)
+                .into_iter()
+                .filter_map(|(window, detections)| Some((window.checked_sub(origin)?, detections)))
                 .collect();
         let recorded_count = batches.keys().next_back().map_or(0, |last| last + 1);
         let period_count =

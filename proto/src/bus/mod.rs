@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use thiserror::Error;
 use tokio::sync::mpsc;
+use tokio::time::Instant;
 
 pub use memory::{Faults, MemoryBus, MemoryNetwork};
 pub use zenoh_bus::ZenohBus;
@@ -60,6 +61,8 @@ pub struct Delivery {
     pub key: String,
     /// What it is.
     pub event: BusEvent,
+    /// When it arrived, before it waited in the inbox.
+    pub arrived: Instant,
 }
 
 /// What can come in.
@@ -67,6 +70,8 @@ pub struct Delivery {
 pub enum BusEvent {
     /// A message's bytes, unchecked.
     Message(Vec<u8>),
+    /// A message of this many bytes, more than any message has; it was not kept.
+    Oversized(usize),
     /// A liveliness token appeared.
     Appeared,
     /// A liveliness token vanished: the process ended or cannot be reached.
@@ -136,7 +141,8 @@ impl Inbox {
     }
 
     fn offer(&self, key: &str, event: BusEvent) {
-        if self.sender.try_send(Delivery { key: key.to_owned(), event }).is_err() {
+        let delivery = Delivery { key: key.to_owned(), event, arrived: Instant::now() };
+        if self.sender.try_send(delivery).is_err() {
             self.dropped_count.fetch_add(1, Ordering::Relaxed);
         }
     }

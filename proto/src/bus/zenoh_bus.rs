@@ -21,11 +21,14 @@ use zenoh_ext::{
 use super::{Bus, BusError, BusEvent, Class, Delivery, Inbox};
 use crate::config::BusConfig;
 use crate::keys::{Keys, Pattern, Topic};
+use crate::wire::{HEADER_BYTES, MAX_PAYLOAD_BYTES};
 
 /// A publisher tells its last sequence number this often, so that a lost last message is noticed.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 /// Closing may hang on a half-open link; the process ends after this in any case.
-const CLOSE_LIMIT: Duration = Duration::from_secs(3);
+const CLOSE_LIMIT: Duration = Duration::from_secs(2);
+/// Longer ones are not even copied.
+const MAX_MESSAGE_BYTES: usize = HEADER_BYTES + MAX_PAYLOAD_BYTES;
 
 /// A session of one site on the Zenoh network.
 pub struct ZenohBus {
@@ -157,10 +160,16 @@ impl Bus for ZenohBus {
 }
 
 fn offer_message(inbox: &Inbox, sample: &Sample) {
-    if sample.kind() == SampleKind::Put {
-        let bytes = sample.payload().to_bytes().into_owned();
-        inbox.offer(sample.key_expr().as_str(), BusEvent::Message(bytes));
+    if sample.kind() != SampleKind::Put {
+        return;
     }
+    let length = sample.payload().len();
+    let event = if MAX_MESSAGE_BYTES < length {
+        BusEvent::Oversized(length)
+    } else {
+        BusEvent::Message(sample.payload().to_bytes().into_owned())
+    };
+    inbox.offer(sample.key_expr().as_str(), event);
 }
 
 fn offer_token(inbox: &Inbox, sample: &Sample) {

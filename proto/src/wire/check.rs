@@ -19,6 +19,8 @@ pub struct Invalid {
 
 /// Farthest coordinate that is believed, metres.
 const MAX_COORDINATE_M: f64 = 1e5;
+/// Largest half-depth of a target that is believed, metres.
+const MAX_HALF_DEPTH_M: f64 = 2.0;
 /// Smallest and largest standard deviation that is believed, metres.
 const SIGMA_RANGE_M: std::ops::RangeInclusive<f64> = 1e-6..=1e4;
 /// Relative asymmetry left by rounding in a matrix that was computed in f64.
@@ -50,6 +52,12 @@ pub(super) fn finite(field: &'static str, value: f64) -> Result<(), Invalid> {
 pub(super) fn not_negative(field: &'static str, value: f64) -> Result<(), Invalid> {
     let good = value.is_finite() && 0.0 <= value;
     require(good, field, value, "a finite number of zero or more is expected")
+}
+
+/// Half the depth of a target, or its spread: no body is deeper.
+pub(super) fn half_depth(field: &'static str, value_m: f64) -> Result<(), Invalid> {
+    let believable = (0.0..=MAX_HALF_DEPTH_M).contains(&value_m);
+    require(believable, field, value_m, "0 to 2 m is expected")
 }
 
 /// A covariance of positions: finite, positive definite, with believable axes.

@@ -9,7 +9,7 @@ use super::header::{Header, Kind, Refusal, open, seal};
 use crate::ids::BootId;
 
 /// No payload of any kind is larger; the decoder refuses to allocate more.
-const MAX_PAYLOAD_BYTES: usize = 1 << 20;
+pub const MAX_PAYLOAD_BYTES: usize = 1 << 20;
 
 type Layout = Configuration<LittleEndian, Fixint, Limit<MAX_PAYLOAD_BYTES>>;
 

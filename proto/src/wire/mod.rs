@@ -12,7 +12,7 @@ mod to_agent;
 mod to_centre;
 
 pub use check::Invalid;
-pub use codec::{Message, Received, Stamp, decode, encode};
+pub use codec::{MAX_PAYLOAD_BYTES, Message, Received, Stamp, decode, encode};
 pub use command::Command;
 pub use header::{HEADER_BYTES, Kind, Refusal};
 pub use to_agent::{

@@ -110,7 +110,7 @@ fn status() -> NodeStatus {
         node: node(),
         time: NodeTime(1),
         software: "0.1.0".to_owned(),
-        source: SourceState::Failed("why".to_owned()),
+        source: SourceState::Finished,
         clock: None,
         next_sequence: 2,
         queue_length: 3,
@@ -210,6 +210,8 @@ fn senseless_fields_are_refused_on_both_sides() {
     assert!(with(|point| point.cov_m2 = [1.0, 0.0, 0.0]).contains("points.cov_m2"));
     assert!(with(|point| point.extent_m2 = [-1.0, 0.0, 0.0]).contains("points.extent_m2"));
     assert!(with(|point| point.radial_velocity_m_per_s = Some(f64::NAN)).contains("velocity"));
+    let deep = PointSet { half_depth_m: 1e300, ..point_set() };
+    assert!(encode(STAMP, &deep).unwrap_err().to_string().contains("half_depth_m"));
     let crowd = PointSet { points: vec![point(); 2000], ..point_set() };
     assert!(encode(STAMP, &crowd).unwrap_err().to_string().contains("points is 2000"));
     let mut skewed = registration();

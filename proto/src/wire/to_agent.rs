@@ -253,6 +253,20 @@ pub struct FusedTarget {
     pub nodes: Vec<NodeId>,
 }
 
+impl FusedTarget {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// Names the first field that makes no sense.
+    pub fn check(&self) -> Result<(), Invalid> {
+        coordinate("targets.x_m", self.x_m)?;
+        coordinate("targets.y_m", self.y_m)?;
+        covariance("targets.cov_m2", self.cov_m2)?;
+        finite("targets.snr_db", self.snr_db)?;
+        at_most("targets.nodes", self.nodes.len(), MAX_NODE_COUNT)
+    }
+}
+
 /// Everybody's targets of one period in one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Picture {
@@ -276,12 +290,6 @@ impl Message for Picture {
     fn check(&self) -> Result<(), Invalid> {
         at_most("nodes", self.nodes.len(), MAX_NODE_COUNT)?;
         at_most("targets", self.targets.len(), MAX_TARGET_COUNT)?;
-        self.targets.iter().try_for_each(|target| {
-            coordinate("targets.x_m", target.x_m)?;
-            coordinate("targets.y_m", target.y_m)?;
-            covariance("targets.cov_m2", target.cov_m2)?;
-            finite("targets.snr_db", target.snr_db)?;
-            at_most("targets.nodes", target.nodes.len(), MAX_NODE_COUNT)
-        })
+        self.targets.iter().try_for_each(FusedTarget::check)
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::check::{self, Invalid, at_most, not_negative};
+use super::check::{self, Invalid, at_most, half_depth, not_negative};
 use super::codec::Message;
 use super::header::Kind;
 use crate::ids::NodeId;
@@ -57,14 +57,14 @@ impl Message for PointSet {
 
     fn check(&self) -> Result<(), Invalid> {
         at_most("points", self.points.len(), MAX_POINT_COUNT)?;
-        not_negative("half_depth_m", self.half_depth_m)?;
-        not_negative("half_depth_sigma_m", self.half_depth_sigma_m)?;
+        half_depth("half_depth_m", self.half_depth_m)?;
+        half_depth("half_depth_sigma_m", self.half_depth_sigma_m)?;
         self.points.iter().try_for_each(check::point)
     }
 }
 
 /// Where a node's source of sweeps stands.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SourceState {
     /// The first period has not begun.
     Waiting,
@@ -72,8 +72,6 @@ pub enum SourceState {
     Running,
     /// The recording or the scenario is over.
     Finished,
-    /// The source broke; the reason is for people.
-    Failed(String),
 }
 
 /// How long transforms took from the last set's arrival at the centre to this node.
@@ -121,9 +119,6 @@ impl Message for NodeStatus {
 
     fn check(&self) -> Result<(), Invalid> {
         at_most("software", self.software.len(), MAX_TEXT_LENGTH)?;
-        if let SourceState::Failed(reason) = &self.source {
-            at_most("source.failed", reason.len(), MAX_TEXT_LENGTH)?;
-        }
         let Some(latency) = &self.latency else { return Ok(()) };
         not_negative("latency.p50_ms", latency.p50_ms)?;
         not_negative("latency.p99_ms", latency.p99_ms)?;

@@ -7,6 +7,8 @@ fn the_paper_scenario_is_registered_within_its_bounds() {
     let finished = Run::new(&["paper", "--speed", "8"]).finish();
     assert!(finished.output.status.success(), "{}", finished.stderr());
     assert_eq!(finished.report["success"], true);
+    let incidents = finished.report["incidents"].as_array().unwrap();
+    assert!(incidents.is_empty(), "every process ends well: {incidents:?}");
     let second = finished.node("n2");
     assert_eq!(second["outcome"], "determined");
     assert!(second["position_error_m"].as_f64().unwrap() < 0.05, "{second}");

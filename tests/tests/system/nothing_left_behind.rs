@@ -9,7 +9,7 @@ use super::support::{Run, eventually, processes_of};
 
 /// Starts a run, waits until centre and agents are up, and sends it a signal.
 fn interrupted(signal: Signal) {
-    let (mut harness, folder) = Run::new(&["paper", "--speed", "0.2"]).start();
+    let (mut harness, folder, _turn) = Run::new(&["paper", "--speed", "0.2"]).start();
     let own = harness.id().cast_signed();
     let children =
         || processes_of(folder.path()).into_iter().filter(|pid| *pid != own).collect::<Vec<_>>();

@@ -2,14 +2,19 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
+
+/// Each run is several processes: side by side they would slow each other down on small machines.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 /// The harness with these arguments; its run's files go into a folder of their own.
 pub(crate) struct Run {
     folder: TempDir,
     command: Command,
+    turn: MutexGuard<'static, ()>,
 }
 
 /// What a run left.
@@ -21,10 +26,11 @@ pub(crate) struct Finished {
 
 impl Run {
     pub(crate) fn new(arguments: &[&str]) -> Self {
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = TempDir::new().unwrap();
         let mut command = Command::new(env!("CARGO_BIN_EXE_transmural-under-test"));
         command.arg("run").args(arguments).arg("--json").arg("--out").arg(folder.path());
-        Self { folder, command }
+        Self { folder, command, turn }
     }
 
     /// Runs to the end.
@@ -33,13 +39,14 @@ impl Run {
         let report = serde_json::from_slice(&output.stdout).unwrap_or_else(|error| {
             panic!("no report ({error}): {}", String::from_utf8_lossy(&output.stderr))
         });
+        drop(self.turn);
         Finished { output, report, folder: self.folder }
     }
 
     /// Starts and does not wait.
-    pub(crate) fn start(mut self) -> (Child, TempDir) {
+    pub(crate) fn start(mut self) -> (Child, TempDir, MutexGuard<'static, ()>) {
         let child = self.command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        (child, self.folder)
+        (child, self.folder, self.turn)
     }
 }
 
