@@ -140,16 +140,12 @@ impl Processes {
         }
         let deadline = tokio::time::Instant::now() + STOP_LIMIT;
         for (who, running) in &mut self.running {
-            let waited = tokio::time::timeout_at(deadline, running.child.wait()).await;
-            if let Ok(Ok(status)) = waited {
-                if !running.has_ended && !status.success() {
-                    let how = format!("{status} when asked to stop");
-                    incidents.push(Incident { who: who.clone(), how, by_itself: true });
-                }
-                continue;
-            }
-            let killed = running.child.kill().await;
-            tracing::warn!(who, ?killed, "did not stop in time: killed");
+            let how = match tokio::time::timeout_at(deadline, running.child.wait()).await {
+                Ok(Ok(status)) if running.has_ended || status.success() => continue,
+                Ok(waited) => format!("{waited:?} when asked to stop"),
+                Err(_) => format!("killed: {:?}", running.child.kill().await),
+            };
+            incidents.push(Incident { who: who.clone(), how, by_itself: true });
         }
         // The links point into this machine; the run's folder may travel.
         drop(std::fs::remove_dir_all(self.folder.join("bin")));

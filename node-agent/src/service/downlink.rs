@@ -197,23 +197,18 @@ mod tests {
         };
         let stamp = proto::wire::Stamp { boot, sequence: 0, sent_ns: 0 };
         let for_another = proto::wire::encode(stamp, &answer).unwrap();
-        for key in ["transmural/1/lab/down/clock/n1", "transmural/1/lab/down/tf/n1"] {
-            for (event, label) in [
-                (BusEvent::Message(b"garbage".to_vec()), "too_short"),
-                (BusEvent::Message(vec![7; 900]), "foreign"),
-                (BusEvent::Oversized(9_000_000), "oversized"),
-            ] {
-                let arrived = tokio::time::Instant::now();
-                let delivery = Delivery { key: key.to_owned(), event, arrived };
-                assert_eq!(downlink.take(&delivery).unwrap_err().0, label);
-            }
-        }
-        let delivery = Delivery {
-            key: "transmural/1/lab/down/clock/n1".to_owned(),
-            event: BusEvent::Message(for_another),
-            arrived: tokio::time::Instant::now(),
+        let mut refused = |key: &str, event: BusEvent| {
+            let arrived = tokio::time::Instant::now();
+            let delivery = Delivery { key: key.to_owned(), event, arrived };
+            downlink.take(&delivery).unwrap_err().0
         };
-        assert_eq!(downlink.take(&delivery).unwrap_err().0, "impostor");
+        for key in ["transmural/1/lab/down/clock/n1", "transmural/1/lab/down/tf/n1"] {
+            assert_eq!(refused(key, BusEvent::Message(b"garbage".to_vec())), "too_short");
+            assert_eq!(refused(key, BusEvent::Message(vec![7; 900])), "foreign");
+            assert_eq!(refused(key, BusEvent::Oversized(9_000_000)), "oversized");
+        }
+        let key = "transmural/1/lab/down/clock/n1";
+        assert_eq!(refused(key, BusEvent::Message(for_another)), "impostor");
         assert!(estimate_shown.borrow().is_none() && heard_shown.borrow().latency.is_none());
     }
 }
