@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::{Parser, Subcommand, ValueEnum};
 use proto::bus::{Bus, ZenohBus};
-use proto::config::{BusConfig, load};
+use proto::config::{BusConfig, load, with_settings};
 use proto::ids::{BootId, NodeId, SiteId};
 use proto::keys::{Keys, Pattern, Topic};
 use proto::process;
@@ -53,6 +53,10 @@ struct Flags {
     /// Solver to register with.
     #[arg(long, value_enum)]
     solver: Option<SolverFlag>,
+    /// Set any key: KEY=VALUE with the key's path in the file, such as
+    /// gather.window_count=60; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
     /// Print the effective configuration and exit.
     #[arg(long)]
     print_config: bool,
@@ -99,8 +103,8 @@ impl process::HasFlags for Arguments {
 impl Arguments {
     /// Defaults, then the file, then the flags; checked as a whole.
     fn configuration(&self) -> anyhow::Result<CentreConfig> {
-        let mut config: CentreConfig =
-            self.config.as_deref().map(load).transpose()?.unwrap_or_default();
+        let file: CentreConfig = self.config.as_deref().map(load).transpose()?.unwrap_or_default();
+        let mut config = with_settings(file, &self.flags.settings)?;
         let Flags { site, reference, listen, connect, period_s, solver, .. } = &self.flags;
         config.site = site.clone().unwrap_or(config.site);
         config.reference = reference.clone().unwrap_or(config.reference);
@@ -116,9 +120,9 @@ impl Arguments {
             Some(SolverFlag::Default) => SolverKind::Default,
             Some(SolverFlag::Swarm) => SolverKind::Swarm,
         };
-        let file =
-            self.config.as_deref().map_or("command line".into(), |file| file.display().to_string());
-        config.check().with_context(|| format!("configuration ({file})"))?;
+        let origin =
+            self.config.as_deref().map_or("command line".into(), |path| path.display().to_string());
+        config.check().with_context(|| format!("configuration ({origin})"))?;
         Ok(config)
     }
 }

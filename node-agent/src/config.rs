@@ -137,6 +137,11 @@ impl AgentConfig {
         if let Some(complaint) = self.bus.complaint() {
             return Err(InvalidConfig(complaint));
         }
+        if !self.bus.listen.is_empty() {
+            let listen = &self.bus.listen;
+            let remedy = "leave it empty: only the centre listens, agents dial";
+            return Err(InvalidConfig(format!("bus.listen is {listen:?}: {remedy}")));
+        }
         let start = self.play.start_unix_s.unwrap_or(0.0);
         for (name, value, least, most) in [
             ("play.speed", self.play.speed, 1e-3, 1e3),
@@ -222,6 +227,8 @@ mod tests {
         assert!(config.check().unwrap_err().to_string().starts_with("play.speed is NaN: use"));
         let no_file = AgentConfig { source: SourceKind::Recorded, ..AgentConfig::default() };
         assert!(no_file.check().unwrap_err().to_string().contains("recorded.path"));
+        let listens = AgentConfig { bus: BusConfig::router(), ..AgentConfig::default() };
+        assert!(listens.check().unwrap_err().to_string().contains("agents dial"));
         assert!(toml::from_str::<AgentConfig>("[chain.band]\nstart_ghz = 1.6").is_err());
     }
 }

@@ -1,7 +1,7 @@
 //! What every program of the project does the same way: logging, signals, the end of its parent.
 
 use std::ffi::OsString;
-use std::io::{Read, Write};
+use std::io::{IsTerminal, Read, Write};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -83,7 +83,10 @@ fn try_main<A: HasFlags>(
 fn start_logging(flags: &Flags) -> anyhow::Result<()> {
     let filter = EnvFilter::try_new(&flags.log)
         .with_context(|| format!("--log {:?}: use for example info,zenoh=error", flags.log))?;
-    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let subscriber = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr);
     let started = if flags.log_json { subscriber.json().try_init() } else { subscriber.try_init() };
     started.map_err(|error| anyhow::anyhow!("starting the log: {error}"))
 }

@@ -355,3 +355,64 @@ pub(super) fn node_lines(now: CentreTime, gather: &Gather, poses: &Poses) -> Vec
     };
     gather.nodes().map(line).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn id(name: &str) -> NodeId {
+        name.parse().unwrap()
+    }
+
+    fn solved(x_m: f64, sigma_m: f64, log_odds: f64) -> Solved {
+        let boot = proto::ids::BootId(1);
+        let last_arrival = CentreTime(0);
+        let sets = SetsUsed { boot, first_sequence: 0, last_sequence: 0, count: 2, last_arrival };
+        let estimate = PoseEstimate {
+            pose_ref_from_node: Se2::new(x_m, 0.0, 0.0),
+            covariance: Matrix3::identity() * sigma_m.powi(2),
+        };
+        let solution = Solution {
+            estimate: Some(estimate),
+            outcome: registration::Outcome::Determined,
+            evidence: registration::Evidence { log_odds, ..registration::Evidence::default() },
+            known: Known::default(),
+        };
+        let (node, problem) = (id("n2"), Problem::default());
+        let job = Job { node, problem, sets, known: None, generation: 0 };
+        Solved { job, solution, solver: "default", solve_time: Duration::ZERO }
+    }
+
+    fn x_m(poses: &Poses) -> f64 {
+        poses.transform(&id("n2")).unwrap().pose_ref_from_node.x_m
+    }
+
+    #[test]
+    fn a_poorer_pose_never_replaces_a_better_one() {
+        let mut poses = Poses::new(id("n1"));
+        for (proposed, in_force_m, why) in [
+            (solved(0.0, 0.01, 200.0), 0.0, "the first determined pose is taken"),
+            (solved(0.8, 0.45, 10.0), 0.0, "it fits, but is far vaguer"),
+            (solved(0.02, 0.012, 190.0), 0.02, "it refines"),
+            (solved(3.0, 0.01, 100.0), 0.02, "it contradicts and rests on less"),
+            (solved(3.0, 0.01, 300.0), 3.0, "it contradicts and rests on more"),
+        ] {
+            poses.take(CentreTime(1), &proposed);
+            assert!((x_m(&poses) - in_force_m).abs() < 1e-12, "{why}");
+        }
+        assert_eq!(poses.transform(&id("n2")).unwrap().epoch, 2);
+    }
+
+    #[test]
+    fn after_a_doubt_only_new_data_count() {
+        let mut poses = Poses::new(id("n1"));
+        poses.take(CentreTime(1), &solved(0.0, 0.01, 200.0));
+        poses.doubt(&id("n2"));
+        poses.take(CentreTime(2), &solved(1.0, 0.01, 500.0));
+        assert!(x_m(&poses).abs() < 1e-12, "a job made before the doubt is not believed");
+        let mut fresh = solved(2.0, 0.01, 20.0);
+        fresh.job.generation = 1;
+        poses.take(CentreTime(3), &fresh);
+        assert!((x_m(&poses) - 2.0).abs() < 1e-12);
+    }
+}

@@ -58,7 +58,6 @@ async fn garbage_is_named_in_the_log_and_the_centre_goes_on() -> anyhow::Result<
             bus.publish(&topic, bytes.clone()).await?;
         }
     }
-    // The text carries colours, so key and reason are looked for line by line.
     let named = |key: &str, label: &str| {
         let text = std::fs::read_to_string(&log).unwrap_or_default();
         let key = format!("transmural/1/site/{key}");
