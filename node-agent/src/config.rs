@@ -162,6 +162,9 @@ impl AgentConfig {
         }
         self.chain.check().map_err(|error| InvalidConfig(format!("chain.{error}")))?;
         self.group.check().map_err(|error| InvalidConfig(error.to_string()))?;
+        let simulated = |error| InvalidConfig(format!("simulated.{error}"));
+        self.simulated.scene.check().map_err(simulated)?;
+        self.simulated.disturbance.check().map_err(simulated)?;
         if self.source == SourceKind::Recorded && self.recorded.path.as_os_str().is_empty() {
             let remedy = "recorded.path is empty: name a .csv or .jsonl file";
             return Err(InvalidConfig(remedy.to_owned()));

@@ -12,7 +12,9 @@ use tracing::{info, warn};
 use tracing_subscriber::EnvFilter;
 
 /// From the wish to stop to the end of the process, whatever hangs.
-const STOP_LIMIT: Duration = Duration::from_secs(5);
+const STOP_LIMIT: Duration = Duration::from_millis(4800);
+/// Time for the message that says so.
+const LAST_WORDS: Duration = Duration::from_millis(100);
 
 /// Flags of every long-running program.
 #[derive(Clone, Debug, clap::Args)]
@@ -72,10 +74,8 @@ fn try_main<A: HasFlags>(
         let token = stop.clone();
         std::thread::spawn(move || cancel_at_end_of_stdin(&token));
     }
-    let result = runtime.block_on(async {
-        tokio::spawn(watch_signals(stop.clone()));
-        body(arguments, stop).await
-    });
+    watch_signals_beside(stop.clone())?;
+    let result = runtime.block_on(body(arguments, stop));
     runtime.shutdown_timeout(Duration::from_millis(200));
     result
 }
@@ -98,6 +98,15 @@ fn cancel_at_end_of_stdin(stop: &CancellationToken) {
     end_after_limit();
 }
 
+/// Watches signals on a thread with a runtime of its own: whatever blocks the program, a log that
+/// nobody reads among them, must not keep it from ending.
+fn watch_signals_beside(stop: CancellationToken) -> anyhow::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.context("starting the signals' runtime")?;
+    std::thread::spawn(move || runtime.block_on(watch_signals(stop)));
+    Ok(())
+}
+
 async fn watch_signals(stop: CancellationToken) {
     use tokio::signal::unix::{SignalKind, signal};
     let (Ok(mut interrupt), Ok(mut terminate)) =
@@ -111,10 +120,9 @@ async fn watch_signals(stop: CancellationToken) {
         _ = terminate.recv() => {}
         () = stop.cancelled() => {}
     }
-    info!("stopping");
     stop.cancel();
-    // A thread, not a task: the runtime itself may be what hangs.
     std::thread::spawn(end_after_limit);
+    info!("stopping");
     tokio::select! {
         _ = interrupt.recv() => std::process::exit(130),
         _ = terminate.recv() => std::process::exit(143),
@@ -123,7 +131,11 @@ async fn watch_signals(stop: CancellationToken) {
 
 fn end_after_limit() {
     std::thread::sleep(STOP_LIMIT);
-    drop(writeln!(std::io::stderr(), "error: stopping took longer than {STOP_LIMIT:?}; ended"));
+    // On a thread, because standard error may be what hangs.
+    std::thread::spawn(|| {
+        drop(writeln!(std::io::stderr(), "error: stopping took longer than {STOP_LIMIT:?}; ended"));
+    });
+    std::thread::sleep(LAST_WORDS);
     std::process::exit(1);
 }
 

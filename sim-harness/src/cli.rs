@@ -126,7 +126,9 @@ async fn run_all(
     let folder = flags.folder(&scenario)?;
     let mut reports: Vec<Report> = Vec::new();
     let mut failed_seeds = Vec::new();
-    for seed in (0..flags.seeds).map(|index| scenario.seed.wrapping_add(index)) {
+    let last_seed =
+        scenario.seed.checked_add(flags.seeds - 1).context("--seed plus --seeds is too large")?;
+    for seed in scenario.seed..=last_seed {
         let several = 1 < flags.seeds;
         let folder = if several { folder.join(format!("seed-{seed}")) } else { folder.clone() };
         let options = Options { folder: &folder, programs: flags.programs.as_deref(), log_filter };
@@ -194,6 +196,7 @@ impl RunFlags {
             let started = format!("{}-{:.0}", scenario.name, unix_now_s() * 1e3);
             Path::new("runs").join(started)
         });
+        ensure!(!folder.is_file(), "--out {}: it is a file; name a folder", folder.display());
         let fresh = !folder.exists()
             || std::fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_none());
         ensure!(fresh, "--out {}: the folder is not empty; choose a new one", folder.display());

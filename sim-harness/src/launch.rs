@@ -13,8 +13,9 @@ use anyhow::Context;
 use serde::Serialize;
 use tokio::process::{Child, Command};
 
-/// After the end of its input a child may take this long; it is bound to stop within five seconds.
-const STOP_LIMIT: Duration = Duration::from_secs(7);
+/// After the end of its input a child may take this long, before it is killed: less than the harness
+/// itself is given when it is told to stop, so that it never leaves a child behind.
+const STOP_LIMIT: Duration = Duration::from_secs(4);
 
 /// A process that ended before it should.
 #[derive(Clone, Debug, Serialize)]

@@ -23,7 +23,7 @@ pub(crate) struct Report {
     pub(crate) scenario: String,
     pub(crate) seed: u64,
     pub(crate) reference: NodeId,
-    /// Every node that can be registered was registered within the bounds.
+    /// Every node that can be registered was registered within the bounds, and at least one was.
     pub(crate) success: bool,
     pub(crate) solver: String,
     pub(crate) nodes: Vec<NodeScore>,
@@ -59,7 +59,8 @@ impl Report {
             scenario: plan.scenario.name.clone(),
             seed: plan.scenario.seed,
             reference: plan.scenario.reference.clone(),
-            success: nodes.iter().all(|node| node.within_bounds),
+            success: nodes.iter().all(|node| node.within_bounds)
+                && nodes.iter().any(NodeScore::is_registered),
             solver: solver.unwrap_or_default(),
             nodes,
             last_picture: observer.picture.as_ref().map_or(Vec::new(), |p| p.targets.clone()),

@@ -5,6 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
 use proto::bus::{Bus, Delivery, ZenohBus};
+use proto::ids::NodeId;
 use proto::keys::Keys;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
@@ -64,9 +65,10 @@ pub(crate) async fn run(
         result = play(&plan, &mut processes, progress) => result,
     };
     let not_well = processes.stop().await;
-    let (observer, sampler, mut incidents) = result?;
-    incidents.extend(not_well);
-    Ok(Report::new(&plan, &observer, sampler.finish(), incidents))
+    let (observer, sampler, incidents) = result?;
+    let mut report = Report::new(&plan, &observer, sampler.finish(), incidents);
+    report.incidents.extend(not_well);
+    Ok(report)
 }
 
 type Played = (Observer, Sampler, Vec<Incident>);
@@ -97,6 +99,7 @@ async fn play(
         incidents: Vec::new(),
         restart_at: None,
         next_kill: 0,
+        last_heard: Instant::now(),
     };
     stage.watch(deliveries).await?;
     stage.progress.finish();
@@ -137,6 +140,7 @@ struct Stage<'a> {
     incidents: Vec<Incident>,
     restart_at: Option<Instant>,
     next_kill: usize,
+    last_heard: Instant,
 }
 
 impl Stage<'_> {
@@ -148,6 +152,7 @@ impl Stage<'_> {
         loop {
             tokio::select! {
                 Some(delivery) = deliveries.recv() => {
+                    self.last_heard = Instant::now();
                     self.observer.take(&self.keys, &delivery);
                     continue;
                 }
@@ -165,14 +170,15 @@ impl Stage<'_> {
             }
             let waited = finished_at.get_or_insert_with(Instant::now).elapsed();
             if SETTLE_LIMIT < waited || self.all(|seen| seen.is_settled() || seen.is_silent()) {
-                return Ok(());
+                return self.check_kills();
             }
         }
     }
 
     fn all(&self, mut condition: impl FnMut(&crate::observe::Seen) -> bool) -> bool {
-        let mut nodes = self.plan.scenario.nodes.iter();
-        nodes.all(|node| self.observer.nodes.get(&node.id).is_some_and(&mut condition))
+        let is_lost = |id: &NodeId| self.incidents.iter().any(|lost| lost.who == id.as_str());
+        let mut ids = self.plan.scenario.nodes.iter().map(|node| &node.id);
+        ids.all(|id| is_lost(id) || self.observer.nodes.get(id).is_some_and(&mut condition))
     }
 
     /// Kills what is due, notices what has died, starts the centre again.
@@ -203,14 +209,24 @@ impl Stage<'_> {
         Ok(())
     }
 
-    /// A run whose agents never finish must end too.
+    /// A kill that was asked for and never happened has proven nothing.
+    fn check_kills(&self) -> anyhow::Result<()> {
+        let Some(kill) = self.plan.scenario.kills.get(self.next_kill) else { return Ok(()) };
+        bail!("the run ended before {} was to be killed", String::from(kill.clone()))
+    }
+
+    /// A run whose agents never finish, or whose centre hangs, must end too.
     fn check_deadline(&self) -> anyhow::Result<()> {
+        if CENTRE_LIMIT < self.last_heard.elapsed() {
+            let tail = self.processes.log_tail("centre");
+            bail!("nothing was heard of the centre for {CENTRE_LIMIT:?}:\n{tail}");
+        }
         let Some(play_s) = self.plan.play_s() else { return Ok(()) };
         let limit = Duration::from_secs_f64(play_s * 1.5) + CENTRE_LIMIT + SETTLE_LIMIT;
         if self.start.elapsed() < limit {
             return Ok(());
         }
-        let unfinished = |id: &&proto::ids::NodeId| {
+        let unfinished = |id: &&NodeId| {
             !self.observer.nodes.get(*id).is_some_and(crate::observe::Seen::has_finished)
         };
         let ids = self.plan.scenario.nodes.iter().map(|node| &node.id);

@@ -17,6 +17,9 @@ const SHIPPED: [(&str, &str); 4] = [
     ("load", include_str!("../scenarios/load.toml")),
 ];
 
+/// Longest recording that is played, seconds: a day.
+const MAX_RECORDING_S: f64 = 86_400.0;
+
 /// A scenario file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -98,6 +101,18 @@ pub struct NodeBounds {
 }
 
 impl Bounds {
+    /// Checks that every bound can be kept and can be missed.
+    fn check(&self) -> anyhow::Result<()> {
+        let own = self.node.values().map(|bounds| (bounds.position_m, bounds.angle_deg));
+        for (position_m, angle_deg) in own.chain([(self.position_m, self.angle_deg)]) {
+            ensure!((0.0..=1e3).contains(&position_m), "position_m is {position_m}: use 0 to 1000");
+            ensure!((0.0..=180.0).contains(&angle_deg), "angle_deg is {angle_deg}: use 0 to 180");
+        }
+        let share = self.seed_share;
+        ensure!((0.0..=1.0).contains(&share), "seed_share is {share}: use 0 to 1");
+        Ok(())
+    }
+
     /// The bounds of one node.
     #[must_use]
     pub fn of(&self, node: &NodeId) -> NodeBounds {
@@ -251,7 +266,13 @@ impl Scenario {
         ensure!(ids.contains(reference), "scenario {name}: reference {reference} is not a node");
         let playable = 0.001 <= self.speed && self.speed <= 1000.0;
         ensure!(playable, "scenario {name}: speed is {}: use 0.001 to 1000", self.speed);
-        ensure!(0.0 < self.period_s, "scenario {name}: period_s is {}", self.period_s);
+        let period_s = self.period_s;
+        ensure!(
+            (1e-3..=60.0).contains(&period_s),
+            "scenario {name}: period_s is {period_s}: use 0.001 to 60"
+        );
+        ensure!(self.period_count != Some(0), "scenario {name}: period_count is 0: use 1 or more");
+        self.bounds.check().with_context(|| format!("scenario {name}"))?;
         for Kill { who, .. } in &self.kills {
             let known = who == "centre" || ids.iter().any(|id| id.as_str() == who);
             ensure!(known, "kill {who}: not a node of scenario {name}, and not `centre`");
@@ -298,15 +319,27 @@ impl Scenario {
         found.canonicalize().with_context(|| found.display().to_string())
     }
 
-    /// When the earliest detection of any node was: agents must cut the recording alike.
+    /// When the earliest detection of any node was: agents must cut the recording alike. Files whose
+    /// times do not meet are not of one recording.
     fn earliest_s(&self, folder: &Path) -> anyhow::Result<Option<f64>> {
-        let mut earliest_s: Option<f64> = None;
+        let mut ranges_s = Vec::new();
         for node in &self.nodes {
-            let recording = read_recording(&self.recording_of(folder, &node.id)?)?;
-            if let Some(first) = recording.detections.first() {
-                earliest_s = Some(earliest_s.map_or(first.time_s, |s| s.min(first.time_s)));
+            let detections = read_recording(&self.recording_of(folder, &node.id)?)?.detections;
+            if let [first, .., last] = detections.as_slice() {
+                ranges_s.push((&node.id, first.time_s, last.time_s));
             }
         }
+        let earliest_s = ranges_s.iter().map(|(_, first_s, _)| *first_s).reduce(f64::min);
+        let latest_start_s = ranges_s.iter().map(|(_, first_s, _)| *first_s).reduce(f64::max);
+        let earliest_end_s = ranges_s.iter().map(|(_, _, last_s)| *last_s).reduce(f64::min);
+        let longest_s = ranges_s.iter().map(|(_, first_s, last_s)| last_s - first_s);
+        let longest_s = longest_s.fold(0.0, f64::max);
+        ensure!(
+            latest_start_s <= earliest_end_s && longest_s <= MAX_RECORDING_S,
+            "{}: the files' times (node, first, last) do not fit: {ranges_s:?} s; they must overlap \
+             and span no more than a day",
+            folder.display()
+        );
         Ok(earliest_s)
     }
 

@@ -100,6 +100,11 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
 }
 
 impl NodeScore {
+    /// Whether it is a node other than the reference with a pose.
+    pub(crate) fn is_registered(&self) -> bool {
+        !self.is_reference && self.pose_ref_from_node.is_some()
+    }
+
     /// A node that was lost on the way had no chance to reach the bounds: it is not held against
     /// the result.
     pub(crate) fn judged(self) -> Self {

@@ -3,6 +3,14 @@
 use super::support::Run;
 
 #[test]
+fn a_run_that_registered_nobody_is_no_success() {
+    let finished =
+        Run::new(&["paper", "--speed", "8", "--periods", "6", "--kill", "n2@0"]).finish();
+    assert!(!finished.output.status.success());
+    assert_eq!(finished.report["success"], false);
+}
+
+#[test]
 fn the_others_are_unaffected_and_the_picture_names_the_silent_node() {
     let arguments = ["office", "--speed", "2", "--periods", "26", "--kill", "n3@2"];
     let finished = Run::new(&arguments).finish();

@@ -41,6 +41,7 @@ fn missing_files_and_unknown_names_are_named() {
         ("sim-harness", &["run", "atlantis"], "neither a shipped scenario (paper"),
         ("sim-harness", &["run", "recorded", "--recording", "nowhere"], "nowhere/extrinsics.json"),
         ("sim-harness", &["run", "paper", "--kill", "n7@1"], "n7"),
+        ("sim-harness", &["run", "paper", "--periods", "0"], "period_count is 0"),
     ] {
         let said = complaint(name, arguments);
         assert!(said.contains(expected), "{arguments:?}: {said}");
