@@ -50,12 +50,13 @@ pub struct ClockEstimate {
     pub error_ns: u64,
 }
 
-/// One exchange of four time stamps: sent and received back by the node, answered by the centre.
+/// One question for the time: asked and received back by the node, stamped by the centre when the
+/// question arrived, so that the time it took to answer counts as part of the way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Exchange {
     /// When the node asked.
     pub asked: NodeTime,
-    /// The centre's clock when it answered.
+    /// The centre's clock when the question arrived.
     pub answered: CentreTime,
     /// When the answer was back.
     pub received: NodeTime,

@@ -24,7 +24,7 @@ pub struct ClockAnswer {
     pub node: NodeId,
     /// The asking clock, as asked.
     pub asked: NodeTime,
-    /// The centre's clock when it took the question and sent the answer.
+    /// The centre's clock when the question arrived.
     pub answered: CentreTime,
 }
 
