@@ -124,7 +124,9 @@ impl Flags {
             (&mut config.output.points_jsonl, &self.points),
             (&mut config.output.image_png, &self.image),
         ] {
-            target.clone_from(flag.as_ref().map_or(&target.clone(), |_| flag));
+            if flag.is_some() {
+                target.clone_from(flag);
+            }
         }
         config.play.start_unix_s = self.start_unix_s.or(config.play.start_unix_s);
         config.group.sensor_height_m = self.sensor_height_m.or(config.group.sensor_height_m);

@@ -25,7 +25,7 @@ pub(crate) struct Seen {
 pub(crate) struct Observer {
     pub(crate) nodes: BTreeMap<NodeId, Seen>,
     pub(crate) picture: Option<Picture>,
-    /// Largest number of nodes that one target was joined from.
+    /// Pictures seen so far.
     pub(crate) picture_count: u64,
 }
 

@@ -62,11 +62,11 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
         errors.position_m <= bounds.position_m && angle_deg <= bounds.angle_deg
     });
     let evidence = registration.map_or_else(Evidence::default, |r| r.evidence);
-    let covariance = transform.filter(|_| !is_reference).map(|t| t.covariance);
-    let sigma = covariance.map(|rows| Sigma {
-        x_m: rows[0][0].sqrt(),
-        y_m: rows[1][1].sqrt(),
-        heading_deg: rows[2][2].sqrt().to_degrees(),
+    let covariance = transform.filter(|_| !is_reference).map(|t| t.covariance_matrix());
+    let sigma = covariance.map(|matrix| Sigma {
+        x_m: matrix[(0, 0)].sqrt(),
+        y_m: matrix[(1, 1)].sqrt(),
+        heading_deg: matrix[(2, 2)].sqrt().to_degrees(),
     });
     let (outcome, missing) = outcome(registration.map(|registration| &registration.outcome));
     let (status, line) = (seen.status.as_ref(), seen.line.as_ref());
@@ -128,10 +128,9 @@ fn errors(pose: &Se2<Ref, Node>, truth: &Se2<Ref, Node>) -> Errors {
 }
 
 impl Errors {
-    fn normalised(&self, covariance: &[[f64; 3]; 3]) -> Option<f64> {
-        let matrix = nalgebra::Matrix3::from_fn(|row, column| covariance[row][column]);
+    fn normalised(&self, covariance: &nalgebra::Matrix3<f64>) -> Option<f64> {
         let error = nalgebra::Vector3::new(self.x_m, self.y_m, self.angle_rad);
-        Some(error.dot(&(matrix.try_inverse()? * error)))
+        Some(error.dot(&(covariance.try_inverse()? * error)))
     }
 }
 

@@ -130,12 +130,8 @@ impl Gather {
             return (Offer::Duplicate, Vec::new());
         }
         let clock = set.body.clock;
-        let mut released = clock.map_or_else(Vec::new, |clock| self.learn_clock(&node, clock));
-        let offer = self.place(&node, now, set);
-        if let Offer::Kept(period) = offer {
-            released.retain(|other| *other != period);
-        }
-        (offer, released)
+        let released = clock.map_or_else(Vec::new, |clock| self.learn_clock(&node, clock));
+        (self.place(&node, now, set), released)
     }
 
     /// Takes a node's clock estimate in, and places the sets that waited for one.

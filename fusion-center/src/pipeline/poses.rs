@@ -91,9 +91,7 @@ impl Poses {
     #[must_use]
     pub fn pose(&self, node: &NodeId) -> Option<(Se2<Ref, Node>, Matrix3<f64>)> {
         let transform = self.transform(node)?;
-        let rows = &transform.covariance;
-        let covariance = Matrix3::from_fn(|row, column| rows[row][column]);
-        Some((transform.pose_ref_from_node.into(), covariance))
+        Some((transform.pose_ref_from_node.into(), transform.covariance_matrix()))
     }
 
     /// The reference node defines `Ref`: its transform is the identity, exactly. True if that is
@@ -278,8 +276,7 @@ impl Standing {
 /// Whether the new pose's uncertainty covers far more than the old one's: poorer data must not
 /// take the place of better ones, while the fluctuation of a sliding window may.
 fn is_much_vaguer(old: &Transform, new: &PoseEstimate) -> bool {
-    let old_covariance = Matrix3::from_fn(|row, column| old.covariance[row][column]);
-    VAGUER * old_covariance.determinant() < new.covariance.determinant()
+    VAGUER * old.covariance_matrix().determinant() < new.covariance.determinant()
 }
 
 /// Whether the new pose lies within the old one's and its own uncertainty.
@@ -288,8 +285,8 @@ fn refines(old: &Transform, new: &PoseEstimate) -> bool {
     let moved_m = new.pose_ref_from_node.translation_m() - old_pose.translation_m();
     let turned = wrap_angle(new.pose_ref_from_node.heading_rad() - old_pose.heading_rad());
     let between = Vector3::new(moved_m.x, moved_m.y, turned);
-    let old_covariance = Matrix3::from_fn(|row, column| old.covariance[row][column]);
-    let Some(information) = (old_covariance + new.covariance).try_inverse() else { return false };
+    let both = old.covariance_matrix() + new.covariance;
+    let Some(information) = both.try_inverse() else { return false };
     between.dot(&(information * between)) <= REFINEMENT_GATE
 }
 

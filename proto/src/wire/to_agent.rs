@@ -1,5 +1,6 @@
 //! What the centre tells the agents and everybody who watches.
 
+use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use super::check::Invalid;
@@ -83,6 +84,14 @@ pub struct Transform {
     pub pose_ref_from_node: PoseRecord,
     /// Covariance of `(x_m, y_m, heading_rad)` in `Ref`.
     pub covariance: [[f64; 3]; 3],
+}
+
+impl Transform {
+    /// [`Self::covariance`] as a matrix.
+    #[must_use]
+    pub fn covariance_matrix(&self) -> Matrix3<f64> {
+        Matrix3::from_fn(|row, column| self.covariance[row][column])
+    }
 }
 
 /// Another pose that the data would allow.
