@@ -4,13 +4,17 @@ use std::path::PathBuf;
 
 use proto::config::BusConfig;
 use proto::ids::{NodeId, SiteId};
+use rustfft::num_complex::Complex;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::group::GroupConfig;
 use crate::pipeline::ChainConfig;
 use crate::simulate::Radar;
-use crate::source::{Replay, ReplayConfig, Simulated, SimulatedConfig, SourceError, SweepSource};
+use crate::source::{
+    Echoes, EchoesConfig, Replay, ReplayConfig, Simulated, SimulatedConfig, SourceError,
+    SweepSource,
+};
 
 /// A setting that makes no sense.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -43,6 +47,10 @@ pub struct AgentConfig {
     pub simulated: SimulatedConfig,
     /// Settings of the recorded source.
     pub recorded: ReplayConfig,
+    /// Settings of the source of recorded echoes.
+    pub echoes: EchoesConfig,
+    /// Settings of the live source.
+    pub live: LiveConfig,
 }
 
 /// Where sweeps come from.
@@ -54,6 +62,24 @@ pub enum SourceKind {
     Simulated,
     /// Detections from a file.
     Recorded,
+    /// Raw sweeps from a file.
+    Echoes,
+    /// Raw sweeps from a radar's driver, over Zenoh.
+    Live,
+}
+
+/// Where a radar's driver delivers raw sweeps.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LiveConfig {
+    /// Endpoint at which the agent listens for its driver.
+    pub listen: String,
+}
+
+impl Default for LiveConfig {
+    fn default() -> Self {
+        Self { listen: "tcp/127.0.0.1:7448".to_owned() }
+    }
 }
 
 /// How fast and from when the source is played.
@@ -105,6 +131,8 @@ impl Default for AgentConfig {
             group: GroupConfig::default(),
             simulated: SimulatedConfig::default(),
             recorded: ReplayConfig::default(),
+            echoes: EchoesConfig::default(),
+            live: LiveConfig::default(),
         }
     }
 }
@@ -165,6 +193,19 @@ impl AgentConfig {
         let simulated = |error| InvalidConfig(format!("simulated.{error}"));
         self.simulated.scene.check().map_err(simulated)?;
         self.simulated.disturbance.check().map_err(simulated)?;
+        self.check_files()?;
+        Ok(())
+    }
+
+    fn check_files(&self) -> Result<(), InvalidConfig> {
+        if !self.live.listen.starts_with("tcp/") {
+            let listen = &self.live.listen;
+            return Err(InvalidConfig(format!("live.listen is {listen:?}: use tcp/HOST:PORT")));
+        }
+        if self.source == SourceKind::Echoes && self.echoes.path.as_os_str().is_empty() {
+            let remedy = "echoes.path is empty: name an .npz or .sigmf-meta file";
+            return Err(InvalidConfig(remedy.to_owned()));
+        }
         if self.source == SourceKind::Recorded && self.recorded.path.as_os_str().is_empty() {
             let remedy = "recorded.path is empty: name a .csv or .jsonl file";
             return Err(InvalidConfig(remedy.to_owned()));
@@ -176,32 +217,45 @@ impl AgentConfig {
     #[must_use]
     pub fn half_depth_m(&self) -> (f64, f64) {
         match self.source {
-            SourceKind::Simulated => (self.target.half_depth_m, self.target.half_depth_sigma_m),
             SourceKind::Recorded => (self.group.half_depth_m, self.group.half_depth_sigma_m),
+            _ => (self.target.half_depth_m, self.target.half_depth_sigma_m),
         }
     }
 
-    /// Length of a period in the source's own time.
-    #[must_use]
-    pub fn period_s(&self) -> f64 {
-        match self.source {
-            SourceKind::Simulated => self.simulated.period_s,
-            SourceKind::Recorded => self.group.period_s,
-        }
-    }
-
-    /// Opens the source.
+    /// Opens the source. Band and array of a recording replace those of the configuration.
     ///
     /// # Errors
     /// If the scene makes no sense or the recording cannot be read.
-    pub fn open_source(&self) -> Result<Box<dyn SweepSource>, SourceError> {
-        let ChainConfig { band, array, grid, .. } = self.chain.clone();
-        let radar = Radar { band, array, grid };
-        Ok(match self.source {
-            SourceKind::Simulated => Box::new(Simulated::new(&self.simulated, &radar)?),
+    pub fn open_source(mut self) -> Result<Opened, SourceError> {
+        let mut background = None;
+        let source: Box<dyn SweepSource> = match self.source {
+            SourceKind::Simulated => {
+                let ChainConfig { band, array, grid, .. } = self.chain.clone();
+                Box::new(Simulated::new(&self.simulated, &Radar { band, array, grid })?)
+            }
             SourceKind::Recorded => Box::new(Replay::new(&self.recorded, &self.group)?),
-        })
+            SourceKind::Echoes => {
+                let echoes = Echoes::new(&self.echoes)?;
+                let header = echoes.recording().header();
+                self.chain.band = header.band;
+                self.chain.array = header.array.clone();
+                background = echoes.background();
+                Box::new(echoes)
+            }
+            SourceKind::Live => return Err(SourceError::Live),
+        };
+        Ok(Opened { config: self, source, background })
     }
+}
+
+/// A source, ready to be played.
+pub struct Opened {
+    /// The configuration with the source's radar.
+    pub config: AgentConfig,
+    /// The source.
+    pub source: Box<dyn SweepSource>,
+    /// The scene without targets, `[channel][frequency]`, where a recording has it.
+    pub background: Option<Vec<Complex<f32>>>,
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use proto::radar::Grid;
+use crate::imaging::pixels::Pixels;
 
 use super::regions::Region;
 
@@ -36,26 +36,24 @@ pub struct Blob {
     pub extent_m2: Matrix2<f64>,
 }
 
-/// The moments of `region`; `amplitude` belongs to the pixels of `grid`.
+/// The moments of `region`; `amplitude` belongs to `places`.
 #[must_use]
-pub fn moments(grid: &Grid, amplitude: &[f32], region: &Region, centroid: Centroid) -> Blob {
-    let pixels = region.pixels.iter().map(|index| {
-        let coords_m =
-            Vector2::new(grid.x_m(index % grid.column_count), grid.y_m(index / grid.column_count));
-        (coords_m, f64::from(amplitude[*index]))
-    });
+pub fn moments(places: &Pixels, amplitude: &[f32], region: &Region, centroid: Centroid) -> Blob {
+    let value = |index: &usize| f64::from(amplitude[*index]);
     match centroid {
         Centroid::PolarPower => {
-            let weighted = pixels.map(|(coords_m, value)| {
-                let polar = to_polar(&coords_m);
-                (polar, value.powi(2) * coords_m.y / polar.x.powi(2))
+            let of_pixels = region.pixels.iter().map(|index| {
+                (places.polar(*index), value(index).powi(2) * places.polar_area(*index))
             });
-            let (place, second) = mean_and_second(weighted);
+            // Once, for each of the three passes would work out a root for every pixel.
+            let weighted: Vec<(Polar, f64)> = of_pixels.collect();
+            let (place, second) = mean_and_second(weighted.iter().copied());
             let jacobian = cartesian_from_polar(&place);
             Blob { place, extent_m2: jacobian * second * jacobian.transpose() }
         }
         Centroid::Binary => {
-            let (mean_m, extent_m2) = mean_and_second(pixels.map(|(coords_m, _)| (coords_m, 1.0)));
+            let (mean_m, extent_m2) =
+                mean_and_second(region.pixels.iter().map(|index| (places.coords_m(*index), 1.0)));
             Blob { place: to_polar(&mean_m), extent_m2 }
         }
     }
@@ -97,6 +95,7 @@ pub fn cartesian_from_polar(place: &Polar) -> Matrix2<f64> {
 mod tests {
     use super::super::threshold::Peak;
     use super::*;
+    use proto::radar::Grid;
 
     fn grid() -> Grid {
         Grid { x_min_m: -1.0, y_min_m: 2.0, pixel_m: 0.02, column_count: 300, row_count: 200 }
@@ -121,7 +120,7 @@ mod tests {
     fn polar_moments_of_a_polar_gaussian_are_its_parameters() {
         let (place, sigma) = (Polar::new(4.0, 0.35), Polar::new(0.08, 0.05));
         let (amplitude, region) = blob(place, sigma);
-        let got = moments(&grid(), &amplitude, &region, Centroid::PolarPower);
+        let got = moments(&Pixels::Cartesian(grid()), &amplitude, &region, Centroid::PolarPower);
         assert!((got.place - place).abs().x < 1e-3 && (got.place - place).abs().y < 1e-4);
         let across_m = 4.0 * 0.05 / (1.0_f64 - 0.35 * 0.35).sqrt();
         let along = Vector2::new(0.35, (1.0_f64 - 0.35 * 0.35).sqrt());
@@ -129,7 +128,7 @@ mod tests {
         assert!((along.dot(&(got.extent_m2 * along)).sqrt() - 0.08).abs() < 2e-3);
         assert!((across.dot(&(got.extent_m2 * across)).sqrt() - across_m).abs() < 4e-3);
         // The Cartesian centroid of the same arc lies nearer.
-        let binary = moments(&grid(), &amplitude, &region, Centroid::Binary);
+        let binary = moments(&Pixels::Cartesian(grid()), &amplitude, &region, Centroid::Binary);
         assert!(binary.place.x < 4.0 - 0.005, "{}", binary.place.x);
     }
 
@@ -140,7 +139,12 @@ mod tests {
             (0..20 * 10).map(|i| (50 + i / 10) * grid.column_count + 60 + i % 10).collect();
         let peak = Peak { index: pixels[0], power: 1.0, range_m: 0.0, sine: 0.0 };
         let amplitude = vec![1.0; grid.pixel_count()];
-        let got = moments(&grid, &amplitude, &Region { peak, pixels }, Centroid::Binary);
+        let got = moments(
+            &Pixels::Cartesian(grid),
+            &amplitude,
+            &Region { peak, pixels },
+            Centroid::Binary,
+        );
         let want = Vector2::new(-1.0 + 0.02 * 64.5, 2.0 + 0.02 * 59.5);
         assert!((to_cartesian(&got.place) - want).norm() < 1e-9);
         let variance = |count: f64| 0.02_f64.powi(2) * (count * count - 1.0) / 12.0;

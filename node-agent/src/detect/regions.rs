@@ -43,7 +43,7 @@ pub fn regions(
 
 /// All pixels connected by edges with `start` whose amplitude is at least `floor`.
 fn flood(image: &CoherentImage, amplitude: &[f32], start: usize, floor: f32) -> Vec<usize> {
-    let columns = image.grid.column_count;
+    let columns = image.pixels.column_count();
     let bounds = Bounds::around(image, start);
     let mut seen = vec![false; bounds.pixel_count()];
     let mut pixels = Vec::new();
@@ -74,15 +74,13 @@ struct Bounds {
 }
 
 impl Bounds {
-    #[expect(clippy::cast_possible_truncation, reason = "a box of at most some thousand pixels")]
     fn around(image: &CoherentImage, start: usize) -> Self {
-        let grid = &image.grid;
-        let pixels = |length_m: f64| (length_m / grid.pixel_m).ceil().clamp(1.0, 1e6) as usize;
-        let (row, column) = (start / grid.column_count, start % grid.column_count);
-        let (rows, columns) = (pixels(HALF_BOX_M.0), pixels(HALF_BOX_M.1));
+        let (row, column) = image.pixels.row_and_column(start);
+        let (rows, columns) = image.pixels.span(start, HALF_BOX_M.0, HALF_BOX_M.1);
         Self {
-            rows: row.saturating_sub(rows)..(row + rows + 1).min(grid.row_count),
-            columns: column.saturating_sub(columns)..(column + columns + 1).min(grid.column_count),
+            rows: row.saturating_sub(rows)..(row + rows + 1).min(image.pixels.row_count()),
+            columns: column.saturating_sub(columns)
+                ..(column + columns + 1).min(image.pixels.column_count()),
         }
     }
 
@@ -99,6 +97,7 @@ impl Bounds {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::imaging::pixels::Pixels;
     use proto::radar::Grid;
 
     const PICTURE: [&str; 6] =
@@ -112,7 +111,13 @@ mod tests {
     fn image() -> CoherentImage {
         let grid =
             Grid { x_min_m: 0.0, y_min_m: 1.0, pixel_m: 0.1, column_count: 10, row_count: 6 };
-        CoherentImage { grid, channel_count: 1, power: amplitude(), energy: vec![1.0; 60] }
+        CoherentImage {
+            pixels: Pixels::Cartesian(grid),
+            channel_count: 1,
+            power: amplitude(),
+            energy: vec![1.0; 60],
+            phase_coherence: vec![],
+        }
     }
 
     fn peak(index: usize) -> Peak {
@@ -143,8 +148,13 @@ mod tests {
     fn a_region_ends_at_its_box() {
         let grid =
             Grid { x_min_m: 0.0, y_min_m: 1.0, pixel_m: 0.6, column_count: 20, row_count: 20 };
-        let flat =
-            CoherentImage { grid, channel_count: 1, power: vec![1.0; 400], energy: vec![1.0; 400] };
+        let flat = CoherentImage {
+            pixels: Pixels::Cartesian(grid),
+            channel_count: 1,
+            power: vec![1.0; 400],
+            energy: vec![1.0; 400],
+            phase_coherence: vec![],
+        };
         let found = regions(&flat, &flat.power, &[peak(10 * 20 + 10)], 0.5);
         assert_eq!(found[0].pixels.len(), 5 * 9);
     }

@@ -1,27 +1,40 @@
-//! Removal of what does not move, on raw frequency samples.
+//! Removal of what does not move, on compressed profiles.
 //!
-//! Exponential background: `b_k = a_k b_{k−1} + (1 − a_k) x_k`, `y_k = x_k − b_{k−1}`,
-//! `a_k = min(a, k/(k+1))`, `a = 1 − Δt / T`, with the time constant `T` and the time `Δt` since the
-//! sweep before, seconds. While `k/(k+1)` rules, `b` is the plain mean.
-//! Two-pulse canceller: `y_k = x_k − x_{k−1}` \[registration, section 3\]; it is blind at the radial
-//! speed `λ / (2 Δt)` and shows every mover a second time at its old place.
+//! Compression is linear, so that all of this means the same on raw samples; on profiles a
+//! background can also learn in some range gates and rest in others.
+//! `two_pulse`: `y_k = x_k − x_{k−1}` \[registration, section 3\]; blind at the radial speed
+//! `λ / (2 Δt)`, and it shows every mover a second time at its old place.
+//! `exponential`: `y_k = x_k − b_{k−1}`, `b_k = a_k b_{k−1} + (1 − a_k) x_k`,
+//! `a_k = min(exp(−Δt / T), k/(k+1))` with the time constant `T` and the time `Δt` since the sweep
+//! before, seconds. While `k/(k+1)` rules, `b` is the plain mean.
+//! `slow_fast`: see [`SlowFast`].
+//! `background`: `y_k = x_k − b`, with a `b` that was given.
 
 use rustfft::num_complex::Complex;
 use serde::{Deserialize, Serialize};
 
-use super::{InvalidSetting, Sweep, invalid, single};
+use super::compress::Profiles;
+use super::{InvalidSetting, invalid, single};
+
+use slow_fast::SlowFast;
+
+pub mod drift;
+pub mod slow_fast;
 
 /// The mean of fewer sweeps holds so much of the target itself that it is no background.
 const MIN_BACKGROUND_SWEEPS: usize = 3;
 /// A walker moves by about one range cell in this time.
 const MIN_BACKGROUND_S: f64 = 0.5;
+/// A pause this many times the usual time between sweeps is a gap: a slow radar has none.
+const GAP_INTERVALS: f64 = 8.0;
+/// Share of the newest interval in the usual one.
+const INTERVAL_SHARE: f64 = 0.1;
 
 /// Which canceller.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum CancellerConfig {
     /// None: for scenes without static echoes.
-    #[default]
     None,
     /// Difference of neighbouring sweeps.
     TwoPulse,
@@ -30,6 +43,24 @@ pub enum CancellerConfig {
         /// How long the background remembers, seconds.
         time_constant_s: f64,
     },
+    /// Difference from a slow background that learns only where a fast one finds nothing moving;
+    /// points at places where nothing moves are left out.
+    SlowFast {
+        /// How long the fast background remembers, seconds: about 1.
+        fast_s: f64,
+        /// How long the slow background remembers, seconds: about 10.
+        slow_s: f64,
+    },
+    /// Difference from the background that comes with a recording; it never learns.
+    Background,
+}
+
+impl Default for CancellerConfig {
+    /// `slow_fast` with 1 and 10 s: the only one that loses nothing of a walker, keeps one who
+    /// stands, and leaves nothing behind.
+    fn default() -> Self {
+        Self::SlowFast { fast_s: 1.0, slow_s: 10.0 }
+    }
 }
 
 impl CancellerConfig {
@@ -38,21 +69,48 @@ impl CancellerConfig {
     /// # Errors
     /// Names the first field that makes no sense.
     pub fn check(&self) -> Result<(), InvalidSetting> {
+        let memory = f64::MIN_POSITIVE..=3600.0;
         match self {
-            Self::Exponential { time_constant_s } if !(0.0..=3600.0).contains(time_constant_s) => {
+            Self::Exponential { time_constant_s } if !memory.contains(time_constant_s) => {
                 let field = "canceller.exponential.time_constant_s";
-                Err(invalid(field, time_constant_s, "use 0 to 3600 s, for walkers 1 to 2 s"))
+                Err(invalid(field, time_constant_s, "use up to 3600 s, for walkers 1 to 2 s"))
+            }
+            Self::SlowFast { fast_s, .. } if !memory.contains(fast_s) => {
+                let field = "canceller.slow_fast.fast_s";
+                Err(invalid(field, fast_s, "use up to 3600 s, about 1 s"))
+            }
+            Self::SlowFast { fast_s, slow_s } if !(*fast_s..=3600.0).contains(slow_s) => {
+                let field = "canceller.slow_fast.slow_s";
+                Err(invalid(field, slow_s, "use fast_s to 3600 s, about 10 s"))
             }
             _ => Ok(()),
         }
     }
+
+    /// How long a pause may be until the background is out of date, seconds.
+    fn memory_s(&self) -> f64 {
+        match self {
+            Self::None | Self::TwoPulse | Self::Background => f64::INFINITY,
+            Self::Exponential { time_constant_s } => *time_constant_s,
+            Self::SlowFast { slow_s, .. } => *slow_s,
+        }
+    }
+}
+
+/// What of the profiles is kept, and how finely they are sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gates {
+    /// Samples kept of each profile, from delay zero on.
+    pub kept_count: usize,
+    /// Samples in a resolution cell, `1 / (K Δf)`.
+    pub per_cell: f64,
 }
 
 /// What a canceller gives.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Cancelled {
-    /// What moves, same layout as the sweep.
-    Moving(Vec<Complex<f32>>),
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cancelled<'a> {
+    /// What moves, the kept samples of each channel.
+    Moving(&'a Profiles),
     /// The background is not known yet.
     WarmingUp,
 }
@@ -61,134 +119,175 @@ pub enum Cancelled {
 #[derive(Clone, Debug)]
 pub struct Canceller {
     config: CancellerConfig,
+    gates: Gates,
+    clock: Clock,
+    /// Of the two-pulse, exponential and given background.
     background: Vec<Complex<f32>>,
+    slow_fast: Option<SlowFast>,
+    moving: Profiles,
+}
+
+/// When sweeps came.
+#[derive(Clone, Copy, Debug, Default)]
+struct Clock {
+    /// Since the background began.
     sweep_count: usize,
     first_s: f64,
-    last_s: f64,
+    last_s: Option<f64>,
+    usual_interval_s: Option<f64>,
 }
 
 impl Canceller {
     /// A canceller that has seen nothing.
     #[must_use]
-    pub fn new(config: CancellerConfig) -> Self {
-        Self { config, background: Vec::new(), sweep_count: 0, first_s: 0.0, last_s: 0.0 }
+    pub fn new(config: CancellerConfig, gates: Gates) -> Self {
+        let slow_fast = match config {
+            CancellerConfig::SlowFast { fast_s, slow_s } => {
+                Some(SlowFast::new(fast_s, slow_s, gates))
+            }
+            _ => None,
+        };
+        Self {
+            config,
+            gates,
+            clock: Clock::default(),
+            background: Vec::new(),
+            slow_fast,
+            moving: Profiles { sample_count: 0, sample_rate_hz: 0.0, samples: Vec::new() },
+        }
+    }
+
+    /// Starts from the profiles of an empty room. `background` stays with them, `slow_fast` goes on
+    /// learning from them; the other modes make their own.
+    pub fn use_background(&mut self, empty: &Profiles) {
+        self.keep(empty);
+        match (&self.config, &mut self.slow_fast) {
+            (CancellerConfig::Background, _) => self.background.clone_from(&self.moving.samples),
+            (_, Some(slow_fast)) => slow_fast.start_from(&self.moving),
+            _ => {}
+        }
     }
 
     /// When the last sweep was taken, if there was one.
     #[must_use]
     pub fn last_s(&self) -> Option<f64> {
-        (0 < self.sweep_count).then_some(self.last_s)
+        self.clock.last_s
     }
 
-    /// Takes one sweep in and gives what moves. All sweeps have the same length, and their times
-    /// ascend.
-    pub fn cancel(&mut self, sweep: &Sweep) -> Cancelled {
-        let known = self.background_is_known(sweep.time_s);
-        let moving = known.then(|| subtract(&sweep.samples, &self.background));
-        self.learn(sweep);
-        moving.map_or(Cancelled::WarmingUp, Cancelled::Moving)
+    /// The backgrounds of `slow_fast`, if that is the mode.
+    #[must_use]
+    pub fn slow_fast_mut(&mut self) -> Option<&mut SlowFast> {
+        self.slow_fast.as_mut()
+    }
+
+    /// Takes the profiles of the sweep at `time_s` in and gives what moves. Times ascend. A pause
+    /// longer than the memory begins a new background.
+    pub fn cancel<'a>(&'a mut self, time_s: f64, profiles: &'a Profiles) -> Cancelled<'a> {
+        let elapsed_s = self.clock.elapsed_s(time_s);
+        if self.clock.is_gap(elapsed_s) && self.config.memory_s() < elapsed_s {
+            self.forget();
+        }
+        let known = self.background_is_known(time_s);
+        if self.config != CancellerConfig::None {
+            self.keep(profiles);
+        }
+        match (&self.config, &mut self.slow_fast) {
+            (CancellerConfig::None, _) => {}
+            (CancellerConfig::Background, _) => subtract(&mut self.moving, &self.background),
+            (_, Some(slow_fast)) => slow_fast.cancel(time_s, elapsed_s, &mut self.moving),
+            _ => self.subtract_and_learn(elapsed_s),
+        }
+        self.clock.tick(time_s, elapsed_s);
+        match (known, self.config) {
+            (false, _) => Cancelled::WarmingUp,
+            (true, CancellerConfig::None) => Cancelled::Moving(profiles),
+            (true, _) => Cancelled::Moving(&self.moving),
+        }
+    }
+
+    fn forget(&mut self) {
+        self.clock.sweep_count = 0;
+        self.background.clear();
+        if let CancellerConfig::SlowFast { fast_s, slow_s } = self.config {
+            self.slow_fast = Some(SlowFast::new(fast_s, slow_s, self.gates));
+        }
     }
 
     fn background_is_known(&self, time_s: f64) -> bool {
+        let learned = MIN_BACKGROUND_SWEEPS <= self.clock.sweep_count
+            && MIN_BACKGROUND_S <= time_s - self.clock.first_s;
         match self.config {
             CancellerConfig::None => true,
-            CancellerConfig::TwoPulse => 0 < self.sweep_count,
-            CancellerConfig::Exponential { .. } => {
-                MIN_BACKGROUND_SWEEPS <= self.sweep_count
-                    && MIN_BACKGROUND_S <= time_s - self.first_s
+            CancellerConfig::TwoPulse => 0 < self.clock.sweep_count,
+            CancellerConfig::Exponential { .. } => learned,
+            CancellerConfig::SlowFast { .. } => {
+                learned || self.slow_fast.as_ref().is_some_and(SlowFast::was_given)
             }
+            CancellerConfig::Background => !self.background.is_empty(),
         }
     }
 
-    fn learn(&mut self, sweep: &Sweep) {
+    /// Copies the kept samples of each channel to `moving`.
+    fn keep(&mut self, profiles: &Profiles) {
+        let kept_count = self.gates.kept_count.min(profiles.sample_count);
+        self.moving.sample_count = kept_count;
+        self.moving.sample_rate_hz = profiles.sample_rate_hz;
+        self.moving.samples.clear();
+        for channel in profiles.channels() {
+            self.moving.samples.extend_from_slice(&channel[..kept_count]);
+        }
+    }
+
+    /// `y = x − b`, then `b + (1 − a) y`, for one background.
+    fn subtract_and_learn(&mut self, elapsed_s: f64) {
         let keep = match self.config {
-            CancellerConfig::None | CancellerConfig::TwoPulse => 0.0,
             CancellerConfig::Exponential { time_constant_s } => {
-                let elapsed_s = sweep.time_s - self.last_s;
-                let mean = self.sweep_count as f64 / (self.sweep_count + 1) as f64;
-                mean.min((1.0 - elapsed_s / time_constant_s).max(0.0))
+                (-elapsed_s / time_constant_s).exp().min(self.clock.mean_weight())
             }
+            _ => 0.0,
         };
-        if self.sweep_count == 0 {
-            self.first_s = sweep.time_s;
-        }
-        self.last_s = sweep.time_s;
-        self.sweep_count += 1;
-        if self.config == CancellerConfig::None {
-            return;
-        }
-        self.background.resize(sweep.samples.len(), Complex::default());
-        for (background, sample) in self.background.iter_mut().zip(&sweep.samples) {
-            *background = *background * single(keep) + *sample * single(1.0 - keep);
+        let learn = single(1.0 - keep);
+        self.background.resize(self.moving.samples.len(), Complex::default());
+        for (x, b) in self.moving.samples.iter_mut().zip(&mut self.background) {
+            *x -= *b;
+            *b += *x * learn;
         }
     }
 }
 
-/// `samples − background`; an empty background counts as zero.
-fn subtract(samples: &[Complex<f32>], background: &[Complex<f32>]) -> Vec<Complex<f32>> {
-    if background.is_empty() {
-        return samples.to_vec();
+impl Clock {
+    fn elapsed_s(&self, time_s: f64) -> f64 {
+        self.last_s.map_or(0.0, |last_s| time_s - last_s)
     }
-    samples.iter().zip(background).map(|(sample, b)| sample - b).collect()
+
+    fn is_gap(&self, elapsed_s: f64) -> bool {
+        self.usual_interval_s.is_some_and(|usual_s| GAP_INTERVALS * usual_s < elapsed_s)
+    }
+
+    /// `k/(k+1)`: what the mean of `k` sweeps weighs in that of one more.
+    fn mean_weight(&self) -> f64 {
+        self.sweep_count as f64 / (self.sweep_count + 1) as f64
+    }
+
+    fn tick(&mut self, time_s: f64, elapsed_s: f64) {
+        if self.sweep_count == 0 {
+            self.first_s = time_s;
+        }
+        if self.last_s.is_some() && !self.is_gap(elapsed_s) {
+            let usual_s = self.usual_interval_s.unwrap_or(elapsed_s);
+            self.usual_interval_s = Some(usual_s + INTERVAL_SHARE * (elapsed_s - usual_s));
+        }
+        self.last_s = Some(time_s);
+        self.sweep_count += 1;
+    }
+}
+
+/// `samples − background`; without a background nothing changes.
+fn subtract(profiles: &mut Profiles, background: &[Complex<f32>]) {
+    for (x, b) in profiles.samples.iter_mut().zip(background) {
+        *x -= *b;
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Rounding of single-precision sums of numbers near one.
-    const TOLERANCE: f32 = 1e-5;
-
-    fn sweep(k: usize, value: f64) -> Sweep {
-        Sweep { time_s: 0.1 * k as f64, samples: vec![Complex::new(single(value), 0.0)] }
-    }
-
-    /// The background as the weighted sum it stands for, from all sweeps before.
-    fn background_by_definition(values: &[f64], forget: f64) -> f64 {
-        let mut weights = vec![0.0; values.len()];
-        for k in 0..values.len() {
-            let a = forget.min(k as f64 / (k + 1) as f64);
-            for w in &mut weights[..k] {
-                *w *= a;
-            }
-            weights[k] = 1.0 - a;
-        }
-        weights.iter().zip(values).map(|(w, v)| w * v).sum()
-    }
-
-    #[test]
-    fn the_exponential_background_is_its_weighted_sum() {
-        let values: Vec<f64> = (0..40).map(|k| 3.0 + (0.7 * f64::from(k)).sin()).collect();
-        let mut canceller = Canceller::new(CancellerConfig::Exponential { time_constant_s: 1.0 });
-        for (k, value) in values.iter().enumerate() {
-            match canceller.cancel(&sweep(k, *value)) {
-                Cancelled::WarmingUp => assert!(k < 5, "still warming up at sweep {k}"),
-                Cancelled::Moving(moving) => {
-                    assert!(5 <= k, "an answer at sweep {k} already");
-                    let want = single(value - background_by_definition(&values[..k], 0.9));
-                    assert!((moving[0].re - want).abs() < TOLERANCE, "sweep {k}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn the_two_pulse_canceller_is_a_difference_and_none_changes_nothing() {
-        let mut two_pulse = Canceller::new(CancellerConfig::TwoPulse);
-        assert_eq!(two_pulse.cancel(&sweep(0, 3.0)), Cancelled::WarmingUp);
-        let want = vec![Complex::new(-1.0, 0.0)];
-        assert_eq!(two_pulse.cancel(&sweep(1, 2.0)), Cancelled::Moving(want));
-        let mut none = Canceller::new(CancellerConfig::None);
-        let first = sweep(0, 3.0);
-        assert_eq!(none.cancel(&first), Cancelled::Moving(first.samples.clone()));
-        assert_eq!(none.cancel(&first), Cancelled::Moving(first.samples));
-    }
-
-    #[test]
-    fn a_time_constant_of_nonsense_is_named() {
-        for time_constant_s in [-1.0, f64::NAN] {
-            let error = CancellerConfig::Exponential { time_constant_s }.check().unwrap_err();
-            assert_eq!(error.field, "canceller.exponential.time_constant_s");
-        }
-    }
-}
+mod tests;

@@ -1,7 +1,8 @@
 //! Pulse compression: from samples over frequency to profiles over delay, carrier removed.
 //!
 //! `s(t) = Σ_k w_k S(f_k) exp(j 2π (f_k − f_c) t)`, `Σ w_k = 1`, at `t = n / (N Δf)`, by an inverse
-//! FFT of length `N` over the samples padded with zeros. `t` repeats after `1 / Δf`.
+//! FFT of length `N` over the samples padded with zeros. `t` repeats after `1 / Δf`. What the hardware
+//! does to a channel (`calibration`) is undone by the same weights, which are then complex.
 //! Cost `N log N` for each channel.
 
 use std::fmt;
@@ -12,7 +13,8 @@ use rustfft::{Fft, FftPlanner};
 
 use proto::radar::Band;
 
-use super::single;
+use super::calibration::Calibration;
+use super::{InvalidSetting, single};
 
 /// Profiles of all channels, `[channel][delay sample]`.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,10 +34,20 @@ impl Profiles {
     }
 }
 
+/// The memory of one compression, reused from sweep to sweep.
+#[derive(Clone, Debug)]
+pub struct Compressed {
+    /// The last profiles.
+    pub profiles: Profiles,
+    scratch: Vec<Complex<f32>>,
+}
+
 /// The window and the transform, planned once.
 #[derive(Clone)]
 pub struct Compressor {
-    weights: Vec<f32>,
+    /// `[channel][frequency]`, or `[frequency]` if all channels are alike.
+    weights: Vec<Complex<f32>>,
+    step_count: usize,
     carrier_index: usize,
     sample_rate_hz: f64,
     transform: Arc<dyn Fft<f32>>,
@@ -53,29 +65,73 @@ impl Compressor {
     #[must_use]
     pub fn new(band: &Band, weights: &[f64], fft_length: usize) -> Self {
         Self {
-            weights: weights.iter().map(|w| single(*w)).collect(),
+            weights: weights.iter().map(|w| Complex::new(single(*w), 0.0)).collect(),
+            step_count: weights.len(),
             carrier_index: band.carrier_index(),
             sample_rate_hz: band.step_hz * fft_length as f64,
             transform: FftPlanner::new().plan_fft_inverse(fft_length),
         }
     }
 
+    /// The same for channels that are as `calibration` says.
+    ///
+    /// # Errors
+    /// If `calibration` is not for `channel_count` channels, or holds nonsense.
+    pub fn calibrated(
+        mut self,
+        calibration: &Calibration,
+        band: &Band,
+        channel_count: usize,
+    ) -> Result<Self, InvalidSetting> {
+        calibration.check(channel_count)?;
+        if calibration.is_ideal() {
+            return Ok(self);
+        }
+        let window = &self.weights[..self.step_count];
+        let of_channel = |channel: usize| {
+            window.iter().enumerate().map(move |(k, weight)| {
+                let undo = calibration.correction(channel, band.frequency_hz(k));
+                weight * Complex::new(single(undo.re), single(undo.im))
+            })
+        };
+        self.weights = (0..channel_count).flat_map(of_channel).collect();
+        Ok(self)
+    }
+
+    /// The memory for `channel_count` channels.
+    #[must_use]
+    pub fn memory(&self, channel_count: usize) -> Compressed {
+        let (sample_count, sample_rate_hz) = (self.transform.len(), self.sample_rate_hz);
+        let samples = vec![Complex::default(); channel_count * sample_count];
+        let scratch = vec![Complex::default(); self.transform.get_inplace_scratch_len()];
+        Compressed { profiles: Profiles { sample_count, sample_rate_hz, samples }, scratch }
+    }
+
     /// The profiles of `samples`, `[channel][frequency]`.
     #[must_use]
     pub fn compress(&self, samples: &[Complex<f32>]) -> Profiles {
-        let (step_count, sample_count) = (self.weights.len(), self.transform.len());
-        let channel_count = samples.len() / step_count;
-        let mut padded = vec![Complex::default(); channel_count * sample_count];
-        let channels = samples.chunks_exact(step_count);
-        for (profile, sweep) in padded.chunks_exact_mut(sample_count).zip(channels) {
-            for (k, (sample, weight)) in sweep.iter().zip(&self.weights).enumerate() {
+        let mut memory = self.memory(samples.len() / self.step_count);
+        self.compress_into(samples, &mut memory);
+        memory.profiles
+    }
+
+    /// Sets `memory.profiles` to the profiles of `samples`, `[channel][frequency]`. The memory is
+    /// one of [`Self::memory`] for as many channels.
+    pub fn compress_into(&self, samples: &[Complex<f32>], memory: &mut Compressed) {
+        let Compressed { profiles, scratch } = memory;
+        let sample_count = self.transform.len();
+        profiles.samples.fill(Complex::default());
+        let channels = samples.chunks_exact(self.step_count);
+        let weights = self.weights.chunks_exact(self.step_count).cycle();
+        let targets = profiles.samples.chunks_exact_mut(sample_count);
+        for ((profile, sweep), of_channel) in targets.zip(channels).zip(weights) {
+            for (k, (sample, weight)) in sweep.iter().zip(of_channel).enumerate() {
                 // The carrier goes to bin 0 and what lies below it to the end, as negative frequencies.
                 let bin = (k + sample_count - self.carrier_index) % sample_count;
                 profile[bin] = sample * weight;
             }
         }
-        self.transform.process(&mut padded);
-        Profiles { sample_count, sample_rate_hz: self.sample_rate_hz, samples: padded }
+        self.transform.process_with_scratch(&mut profiles.samples, scratch);
     }
 }
 

@@ -12,9 +12,14 @@ use thiserror::Error;
 use proto::radar::InvalidRadar;
 
 pub mod backproject;
+pub mod calibration;
 pub mod canceller;
 pub mod compress;
+pub mod oracle;
+pub mod pixels;
+pub mod resample;
 pub mod wall;
+pub mod wall_estimate;
 pub mod window;
 
 /// One pass over the band by all channels.

@@ -8,9 +8,19 @@
 //! (Fermat; the seed adds a fixed delay instead, see [`WallModel::FixedDelay`]).
 //! Assumes one homogeneous slab without loss; a point inside the slab is reached through its
 //! material alone.
+//!
+//! A ray that leaves the array's centre at the angle `θ` in the air and has the optical path `L`
+//! ends, by Snell's law and without approximation, at
+//! `(L − Δ) e_r − Δ' e_c`, `Δ(θ) = d (sqrt(ε − sin²θ) − cos θ)`, `e_r = (sin θ, cos θ)`,
+//! `e_c = de_r/dθ = (cos θ, −sin θ)`; with the fixed delay `Δ = d (sqrt ε − 1)`, `Δ' = 0`.
+//! An image determines `L` and `θ` and no more, so a detection follows a change of the wall's
+//! parameters in closed form ([`WallModel::moved`]). Assumes that the array is small beside the
+//! range: `L` and its slope agree at the centre, the curvature over the array is neglected.
 
+use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use proto::measured::{MeasuredPoint, packed, symmetric};
 use proto::radar::Wall;
 
 use super::InvalidSetting;
@@ -43,10 +53,82 @@ impl WallModel {
         match self {
             Self::None => leg_path_m(dx_m, depth_m, None),
             Self::Refraction(wall) => leg_path_m(dx_m, depth_m, Some(wall)),
-            Self::FixedDelay(wall) => {
-                let delay_m = wall.thickness_m * (wall.permittivity.sqrt() - 1.0);
-                leg_path_m(dx_m, depth_m, None) + delay_m
+            Self::FixedDelay(wall) => leg_path_m(dx_m, depth_m, None) + excess_path_m(wall),
+        }
+    }
+
+    /// How the array's centre sees the point at `[x, y]` in the node's frame, metres.
+    #[must_use]
+    pub fn seen(&self, place_m: &Vector2<f64>) -> Seen {
+        let path_m = self.leg_path_m(place_m.x, place_m.y);
+        let straight = place_m.x / place_m.norm().max(f64::MIN_POSITIVE);
+        let sine = match self {
+            Self::None | Self::FixedDelay(_) => straight,
+            Self::Refraction(wall) if place_m.y <= wall.thickness_m => straight,
+            Self::Refraction(wall) => {
+                refracted_sine(place_m.x.abs(), place_m.y - wall.thickness_m, wall)
+                    .copysign(place_m.x)
             }
+        };
+        Seen { path_m, sine }
+    }
+
+    /// Where a point seen so is, `[x, y]` in the node's frame in metres; `None` if that is not
+    /// beyond the wall.
+    #[must_use]
+    pub fn place_m(&self, seen: &Seen) -> Option<Vector2<f64>> {
+        let excess = self.excess(seen.sine);
+        let (along, across) = seen.axes();
+        let place_m = along * (seen.path_m - excess.path_m) - across * excess.slope_m;
+        (self.thickness_m() < place_m.y).then_some(place_m)
+    }
+
+    /// The point that an image through `self` shows as `point`, as an image through `other` would
+    /// show it; `None` if it is not beyond either wall.
+    ///
+    /// Covariance and extent stay as they are in range and keep their angle across, so that with
+    /// `q = L − Δ − Δ''` they stretch by `q_other / q_self` along `e_c`.
+    #[must_use]
+    pub fn moved(&self, point: &MeasuredPoint, other: &Self) -> Option<MeasuredPoint> {
+        let place_m = Vector2::new(point.x_m, point.y_m);
+        if place_m.y <= self.thickness_m() {
+            return None;
+        }
+        let seen = self.seen(&place_m);
+        let new_m = other.place_m(&seen)?;
+        let (along, across) = seen.axes();
+        let lever_m = |model: &Self| {
+            let excess = model.excess(seen.sine);
+            seen.path_m - excess.path_m - excess.bend_m
+        };
+        let stretch = lever_m(other) / lever_m(self);
+        let jacobian = along * along.transpose() + across * across.transpose() * stretch;
+        let stretched = |packed_m2: [f64; 3]| {
+            let new_m2: Matrix2<f64> = jacobian * symmetric(packed_m2) * jacobian.transpose();
+            packed(&new_m2)
+        };
+        Some(MeasuredPoint {
+            x_m: new_m.x,
+            y_m: new_m.y,
+            cov_m2: stretched(point.cov_m2),
+            extent_m2: stretched(point.extent_m2),
+            ..point.clone()
+        })
+    }
+
+    /// How much longer than air the wall makes the path, with its derivatives by the angle.
+    fn excess(&self, sine: f64) -> Excess {
+        match self {
+            Self::None => Excess::default(),
+            Self::FixedDelay(wall) => Excess { path_m: excess_path_m(wall), ..Excess::default() },
+            Self::Refraction(wall) => Excess::refracted(wall, sine),
+        }
+    }
+
+    fn thickness_m(&self) -> f64 {
+        match self {
+            Self::None => 0.0,
+            Self::Refraction(wall) | Self::FixedDelay(wall) => wall.thickness_m,
         }
     }
 
@@ -60,6 +142,56 @@ impl WallModel {
             Self::Refraction(wall) | Self::FixedDelay(wall) => Ok(wall.check()?),
         }
     }
+}
+
+/// A point as the array's centre sees it: all that an image knows of its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// Optical path of one leg `L`, metres.
+    pub path_m: f64,
+    /// Sine of the ray's angle from boresight in the air, positive along `x`.
+    pub sine: f64,
+}
+
+impl Seen {
+    /// Unit vectors along the ray in the air and across it, towards larger angles.
+    fn axes(&self) -> (Vector2<f64>, Vector2<f64>) {
+        let cosine = cosine(self.sine);
+        (Vector2::new(self.sine, cosine), Vector2::new(cosine, -self.sine))
+    }
+}
+
+/// `Δ(θ)` of a wall and its derivatives by `θ`, metres.
+#[derive(Clone, Copy, Default)]
+struct Excess {
+    path_m: f64,
+    slope_m: f64,
+    bend_m: f64,
+}
+
+impl Excess {
+    fn refracted(wall: &Wall, sine: f64) -> Self {
+        let cosine = cosine(sine);
+        let root = (wall.permittivity - sine * sine).max(1.0 - MAX_SINE).sqrt();
+        let both = sine * cosine / root;
+        let double_angle = (cosine * cosine - sine * sine) / root;
+        Self {
+            path_m: wall.thickness_m * (root - cosine),
+            slope_m: wall.thickness_m * (sine - both),
+            bend_m: wall.thickness_m * (cosine - double_angle - both * both / root),
+        }
+    }
+}
+
+/// `sqrt(1 − sine²)`.
+fn cosine(sine: f64) -> f64 {
+    (1.0 - sine * sine).max(0.0).sqrt()
+}
+
+/// The path straight ahead through `wall` over that through air, `d (sqrt ε − 1)`, metres.
+#[must_use]
+pub fn excess_path_m(wall: &Wall) -> f64 {
+    wall.thickness_m * (wall.permittivity.sqrt() - 1.0)
 }
 
 /// Optical path in metres of the leg over `dx_m` across and `depth_m` along boresight, through
@@ -80,7 +212,7 @@ pub fn leg_path_m(dx_m: f64, depth_m: f64, wall: Option<&Wall>) -> f64 {
 ///
 /// The straight line's sine is right of the root and the function is convex, so the steps go
 /// down to the root without overshooting.
-fn refracted_sine(lateral_m: f64, air_m: f64, wall: &Wall) -> f64 {
+pub(crate) fn refracted_sine(lateral_m: f64, air_m: f64, wall: &Wall) -> f64 {
     let mut sine = (lateral_m / lateral_m.hypot(air_m)).min(MAX_SINE);
     for _ in 0..MAX_NEWTON_STEPS {
         let in_air = 1.0 - sine * sine;
@@ -98,6 +230,9 @@ fn refracted_sine(lateral_m: f64, air_m: f64, wall: &Wall) -> f64 {
     }
     sine
 }
+
+#[cfg(test)]
+mod chain_tests;
 
 #[cfg(test)]
 mod tests {
@@ -162,5 +297,80 @@ mod tests {
         let model = WallModel::Refraction(Wall { thickness_m: -1.0, permittivity: 4.0 });
         assert_eq!(model.check().unwrap_err().field, "wall.thickness_m");
         assert_eq!(WallModel::None.check(), Ok(()));
+    }
+
+    /// Rounding, and the steps of difference quotients.
+    const MOVED_TOLERANCE_M: f64 = 1e-9;
+
+    fn models() -> [WallModel; 4] {
+        [
+            WallModel::None,
+            WallModel::FixedDelay(Wall { thickness_m: 0.24, permittivity: 5.0 }),
+            WallModel::Refraction(Wall { thickness_m: 0.24, permittivity: 5.0 }),
+            WallModel::Refraction(Wall { thickness_m: 0.1, permittivity: 7.5 }),
+        ]
+    }
+
+    /// Path from the array's centre and its slope, by difference, over the antenna's place.
+    fn path_and_slope(model: &WallModel, place_m: &Vector2<f64>) -> [f64; 2] {
+        let path_m = |antenna_x_m: f64| model.leg_path_m(place_m.x - antenna_x_m, place_m.y);
+        let slope = (path_m(-1e-5) - path_m(1e-5)) / 2e-5;
+        [path_m(0.0), slope]
+    }
+
+    #[test]
+    fn a_moved_point_has_the_same_path_and_slope_at_the_array() {
+        for (from, to) in models().iter().flat_map(|a| models().map(|b| (*a, b))) {
+            for (x_m, y_m) in [(0.0, 1.5), (-1.7, 1.0), (4.0, 3.0), (2.0, 8.0)] {
+                let point = point(x_m, y_m);
+                let moved = from.moved(&point, &to).unwrap();
+                let want = path_and_slope(&from, &Vector2::new(x_m, y_m));
+                let got = path_and_slope(&to, &Vector2::new(moved.x_m, moved.y_m));
+                assert!((got[0] - want[0]).abs() < MOVED_TOLERANCE_M, "{from:?} {to:?} {x_m}");
+                assert!((got[1] - want[1]).abs() < 1e-7, "{from:?} {to:?} {x_m}: {got:?} {want:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_covariance_moves_as_the_place_does() {
+        for (from, to) in models().iter().flat_map(|a| models().map(|b| (*a, b))) {
+            let before = point(-2.5, 2.0);
+            let step_m = 1e-5;
+            let place = |dx_m: f64, dy_m: f64| {
+                let moved = from.moved(&point(-2.5 + dx_m, 2.0 + dy_m), &to).unwrap();
+                Vector2::new(moved.x_m, moved.y_m)
+            };
+            let column =
+                |dx_m: f64, dy_m: f64| (place(dx_m, dy_m) - place(-dx_m, -dy_m)) / (2.0 * step_m);
+            let jacobian = Matrix2::from_columns(&[column(step_m, 0.0), column(0.0, step_m)]);
+            let want_m2 = jacobian * symmetric(before.cov_m2) * jacobian.transpose();
+            let got = from.moved(&before, &to).unwrap();
+            assert!(
+                (symmetric(got.cov_m2) - want_m2).norm() < MOVED_TOLERANCE_M,
+                "{from:?} {to:?}"
+            );
+            let extent_m2 = jacobian * symmetric(before.extent_m2) * jacobian.transpose();
+            assert!((symmetric(got.extent_m2) - extent_m2).norm() < MOVED_TOLERANCE_M);
+        }
+    }
+
+    #[test]
+    fn a_point_that_would_not_be_beyond_the_wall_is_not_moved() {
+        let thick = WallModel::Refraction(Wall { thickness_m: 0.5, permittivity: 9.0 });
+        assert!(WallModel::None.moved(&point(0.0, 1.2), &thick).is_none());
+        assert!(thick.moved(&point(0.0, 0.4), &WallModel::None).is_none());
+        assert!(WallModel::None.moved(&point(0.0, 2.2), &thick).is_some());
+    }
+
+    fn point(x_m: f64, y_m: f64) -> MeasuredPoint {
+        MeasuredPoint {
+            x_m,
+            y_m,
+            cov_m2: [0.04, 0.01, 0.02],
+            snr_db: 20.0,
+            extent_m2: [0.3, -0.1, 0.2],
+            radial_velocity_m_per_s: None,
+        }
     }
 }

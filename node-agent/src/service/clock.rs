@@ -26,6 +26,17 @@ impl Clock {
         self.origin + Duration::from_nanos(time.0)
     }
 
+    /// The instant `after_s` seconds after the start; the start if that is no time.
+    pub(super) fn after_s(&self, after_s: f64) -> Instant {
+        self.origin + Duration::try_from_secs_f64(after_s).unwrap_or_default()
+    }
+
+    /// What this clock showed at `instant`; 0 before it started.
+    pub(super) fn of_instant(&self, instant: Instant) -> NodeTime {
+        let since = instant.saturating_duration_since(self.origin);
+        NodeTime(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
+    }
+
     /// What this clock shows, or would have shown, at a time of the calendar: nanoseconds,
     /// negative before the process started. A common start on machines whose calendars agree.
     #[expect(

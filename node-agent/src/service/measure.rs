@@ -10,6 +10,7 @@ use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
 use super::clock::Clock;
+use super::live::{Live, LiveSweep};
 use super::output::Output;
 use crate::config::AgentConfig;
 use crate::group::group_period;
@@ -39,7 +40,6 @@ impl Default for Progress {
 pub(super) struct Measure {
     pub(super) config: AgentConfig,
     pub(super) clock: Clock,
-    pub(super) source: Box<dyn SweepSource>,
     pub(super) chain: Chain,
     pub(super) output: Output,
     pub(super) sets: broadcast::Sender<(u64, PointSet)>,
@@ -47,26 +47,30 @@ pub(super) struct Measure {
     pub(super) dropped: watch::Receiver<u64>,
 }
 
+/// One period's place in time.
+#[derive(Clone, Copy)]
+struct Moment {
+    period: u64,
+    /// Its middle on the node's clock.
+    time: NodeTime,
+    /// Its middle in the source's own time.
+    source_s: f64,
+}
+
+/// Where sweeps come from, and who says when.
+pub(super) enum Source {
+    /// Played: the agent says when a period is due.
+    Played(Box<dyn SweepSource>),
+    /// Live: a sweep is due when it comes.
+    Live(Box<Live>),
+}
+
 impl Measure {
     /// Measures period after period until the source ends or `stop`.
-    pub(super) async fn run(mut self, stop: CancellationToken) {
-        let start_ns = match self.config.play.start_unix_s {
-            Some(unix_s) => self.clock.at_unix_s(unix_s),
-            None => i64::try_from(self.clock.now().0).unwrap_or(i64::MAX),
-        };
-        let end = self.source.period_count().unwrap_or(u64::MAX);
-        for period in 0..end {
-            let due = self.due(start_ns, period);
-            let Some(due) = due.filter(|due| self.is_worth_measuring(*due)) else {
-                self.progress.send_modify(|p| p.counters.skipped_period_count += 1);
-                continue;
-            };
-            tokio::select! {
-                () = stop.cancelled() => break,
-                () = tokio::time::sleep_until(self.clock.instant(due)) => {}
-            }
-            self.show_state(SourceState::Running);
-            tokio::task::block_in_place(|| self.measure(period, due));
+    pub(super) async fn run(mut self, source: Source, stop: CancellationToken) {
+        match source {
+            Source::Played(source) => self.play(source, &stop).await,
+            Source::Live(live) => self.follow(*live, &stop).await,
         }
         if !stop.is_cancelled() {
             info!(node = %self.config.node, "the source has ended");
@@ -75,9 +79,61 @@ impl Measure {
         tokio::task::block_in_place(|| self.output.finish());
     }
 
+    /// Plays a source against the clock.
+    async fn play(&mut self, mut source: Box<dyn SweepSource>, stop: &CancellationToken) {
+        let start_ns = match self.config.play.start_unix_s {
+            Some(unix_s) => self.clock.at_unix_s(unix_s),
+            None => i64::try_from(self.clock.now().0).unwrap_or(i64::MAX),
+        };
+        let end = source.period_count().unwrap_or(u64::MAX);
+        for period in 0..end {
+            let middle_s = source.middle_s(period);
+            let due = self.due(start_ns, middle_s).filter(|due| self.is_worth_measuring(*due));
+            let Some(due) = due else {
+                self.progress.send_modify(|p| p.counters.skipped_period_count += 1);
+                continue;
+            };
+            tokio::select! {
+                () = stop.cancelled() => break,
+                () = tokio::time::sleep_until(self.clock.instant(due)) => {}
+            }
+            self.show_state(SourceState::Running);
+            let moment = Moment { period, time: due, source_s: middle_s };
+            let frame = tokio::task::block_in_place(|| source.frame(period));
+            match frame {
+                Ok(frame) => tokio::task::block_in_place(|| self.measure(moment, frame)),
+                Err(error) => {
+                    warn!(period, %error, "the source ends early");
+                    break;
+                }
+            }
+        }
+    }
+
+    /// Measures sweeps as they come.
+    async fn follow(&mut self, mut live: Live, stop: &CancellationToken) {
+        let mut period = 0;
+        loop {
+            let taken = tokio::select! {
+                () = stop.cancelled() => break,
+                taken = live.next() => taken,
+            };
+            let Some(LiveSweep { sweep, taken, lost_count }) = taken else {
+                self.progress.send_modify(|p| p.counters.refused_frame_count += 1);
+                continue;
+            };
+            self.show_state(SourceState::Running);
+            self.progress.send_modify(|p| p.counters.skipped_period_count += lost_count);
+            let moment = Moment { period, time: taken, source_s: sweep.time_s };
+            tokio::task::block_in_place(|| self.measure(moment, Frame::Sweep(sweep)));
+            period += 1;
+        }
+        live.close().await;
+    }
+
     /// When a period's middle is on this clock; `None` before the clock's origin.
-    fn due(&self, start_ns: i64, period: u64) -> Option<NodeTime> {
-        let from_start_s = self.source.middle_s(period) / self.config.play.speed;
+    fn due(&self, start_ns: i64, middle_s: f64) -> Option<NodeTime> {
+        let from_start_s = middle_s / self.config.play.speed;
         let from_start_ns = Duration::try_from_secs_f64(from_start_s).ok()?.as_nanos();
         let due_ns = start_ns.checked_add(i64::try_from(from_start_ns).ok()?)?;
         u64::try_from(due_ns).ok().map(NodeTime)
@@ -96,8 +152,8 @@ impl Measure {
         });
     }
 
-    fn measure(&mut self, period: u64, time: NodeTime) {
-        let frame = self.source.frame(period);
+    fn measure(&mut self, moment: Moment, frame: Frame) {
+        let Moment { period, time, source_s } = moment;
         let points = match self.points(period, frame) {
             Ok(points) => points,
             Err(error) => {
@@ -127,7 +183,7 @@ impl Measure {
             points,
             counters,
         };
-        self.output.write_set(&set, self.source.middle_s(period));
+        self.output.write_set(&set, source_s);
         // The ring is held open by `self.progress`'s owner; no receiver means no network yet.
         drop(self.sets.send((next_sequence, set)));
         self.progress.send_modify(|progress| progress.next_sequence += 1);
@@ -140,7 +196,8 @@ impl Measure {
         match frame {
             Frame::Sweep(sweep) => {
                 let Measured { points, image, .. } = self.chain.process_sweep(&sweep)?;
-                self.output.show_image(now, format!("{node}, period {period}"), image, &points);
+                let title = || format!("{node}, period {period}");
+                self.output.show_image(now, title, &image, &points);
                 Ok(points)
             }
             Frame::Detections(detections) => {

@@ -6,9 +6,12 @@
 
 mod clock;
 mod downlink;
+mod feed;
+mod live;
 mod measure;
 mod output;
 mod run;
 mod uplink;
 
+pub use feed::feed;
 pub use run::run;

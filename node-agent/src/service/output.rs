@@ -12,7 +12,8 @@ use proto::wire::PointSet;
 use tracing::warn;
 
 use crate::config::OutputConfig;
-use crate::pipeline::Image;
+use crate::lines::PointsLine;
+use crate::pipeline::{Image, ImageView};
 use crate::plot::{Density, Picture};
 
 /// The newest thing that can be shown.
@@ -40,20 +41,19 @@ impl Output {
         Ok(Self { config: config.clone(), points, newest: None, density, image_written: None })
     }
 
-    /// One line: `{"node", "period", "time_s", "points": [..], "counters": {..}}`. A file that
-    /// cannot be written is given up with a warning; measuring goes on.
+    /// One line. A file that cannot be written is given up with a warning; measuring goes on.
     pub(super) fn write_set(&mut self, set: &PointSet, time_s: f64) {
         let Some(file) = &mut self.points else { return };
-        let line = serde_json::json!({
-            "node": set.node,
-            "period": set.period,
-            "time_s": time_s,
-            "half_depth_m": set.half_depth_m,
-            "half_depth_sigma_m": set.half_depth_sigma_m,
-            "points": set.points,
-            "counters": set.counters,
-        });
-        if let Err(error) = writeln!(file, "{line}").and_then(|()| file.flush()) {
+        let line = PointsLine {
+            node: &set.node,
+            period: set.period,
+            time_s,
+            points: &set.points,
+            counters: &set.counters,
+            half_depth_m: set.half_depth_m,
+            half_depth_sigma_m: set.half_depth_sigma_m,
+        };
+        if let Err(error) = line.write(&mut *file).and_then(|()| file.flush()) {
             warn!(%error, "point sets are no longer written to output.points_jsonl");
             self.points = None;
         }
@@ -63,11 +63,15 @@ impl Output {
     pub(super) fn show_image(
         &mut self,
         now: NodeTime,
-        title: String,
-        image: Image,
+        title: impl FnOnce() -> String,
+        image: &ImageView<'_>,
         points: &[MeasuredPoint],
     ) {
-        self.newest = Some(Shown::Image { title, image, points: points.to_vec() });
+        if self.config.image_png.is_none() {
+            return;
+        }
+        let (title, image, points) = (title(), image.to_image(), points.to_vec());
+        self.newest = Some(Shown::Image { title, image, points });
         self.write_image_if_due(now);
     }
 

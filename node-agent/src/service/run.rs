@@ -16,10 +16,11 @@ use tracing::{info, warn};
 
 use super::clock::Clock;
 use super::downlink::{Downlink, Heard};
-use super::measure::{Measure, Progress};
+use super::live::Live;
+use super::measure::{Measure, Progress, Source};
 use super::output::Output;
 use super::uplink::{self, Sender};
-use crate::config::AgentConfig;
+use crate::config::{AgentConfig, Opened, SourceKind};
 use crate::pipeline::Chain;
 
 /// Pauses between attempts to join the network, growing.
@@ -35,8 +36,20 @@ const DRAIN_LIMIT: Duration = Duration::from_secs(1);
 pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result<()> {
     let clock = Clock::start();
     let sender = Sender { node: config.node.clone(), boot: BootId::random(), clock };
-    let source = config.open_source()?;
-    let chain = Chain::new(&config.chain).context("configuration: chain")?;
+    let (config, source, background) = match config.source {
+        SourceKind::Live => {
+            let live = Live::open(&config, clock).await?;
+            (config, Source::Live(Box::new(live)), None)
+        }
+        _ => {
+            let Opened { config, source, background } = config.open_source()?;
+            (config, Source::Played(source), background)
+        }
+    };
+    let mut chain = Chain::new(&config.chain).context("configuration: chain")?;
+    if let Some(background) = background {
+        chain.use_background(&background)?;
+    }
     let output = Output::open(&config.output)?;
     let (sets, set_receiver) = broadcast::channel(config.bus.history_count);
     let (progress, progress_shown) = watch::channel(Progress::default());
@@ -51,9 +64,8 @@ pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result
         dropped,
     };
     let network = tokio::spawn(network.run(set_receiver, stop.clone()));
-    let measure =
-        Measure { config, clock, source, chain, output, sets, progress, dropped: dropped_shown };
-    measure.run(stop.clone()).await;
+    let measure = Measure { config, clock, chain, output, sets, progress, dropped: dropped_shown };
+    measure.run(source, stop.clone()).await;
     network.await.context("the network task")?;
     Ok(())
 }

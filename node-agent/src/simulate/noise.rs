@@ -1,4 +1,4 @@
-//! What spoils the sweeps of a simulated node: noise, missed targets and false ones.
+//! What spoils the sweeps of a simulated node: noise, coupling, missed targets and false ones.
 //!
 //! A profile is the mean over the `K` frequencies, so that white noise of power `v` per frequency
 //! leaves `v / K` in it; with the amplitude `A` of the strongest target:
@@ -10,6 +10,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::imaging::{InvalidSetting, invalid};
+
+use super::coupling::Coupling;
+use super::receiver::{GainDrift, PhaseNoise};
 
 /// How much noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -63,11 +66,24 @@ pub struct Disturbance {
     pub detection_probability: f64,
     /// Chance that a node sees something in a period that is not there.
     pub false_point_probability: f64,
+    /// What the antennas couple directly; nothing without it.
+    pub coupling: Option<Coupling>,
+    /// How the phase wanders.
+    pub phase_noise: PhaseNoise,
+    /// How the gain drifts.
+    pub gain_drift: GainDrift,
 }
 
 impl Default for Disturbance {
     fn default() -> Self {
-        Self { noise: Noise::None, detection_probability: 1.0, false_point_probability: 0.0 }
+        Self {
+            noise: Noise::None,
+            detection_probability: 1.0,
+            false_point_probability: 0.0,
+            coupling: None,
+            phase_noise: PhaseNoise::default(),
+            gain_drift: GainDrift::default(),
+        }
     }
 }
 
@@ -84,6 +100,11 @@ impl Disturbance {
             if !(0.0..=1.0).contains(&value) {
                 return Err(invalid(field, value, "use 0 to 1"));
             }
+        }
+        self.phase_noise.check()?;
+        self.gain_drift.check()?;
+        if let Some(coupling) = &self.coupling {
+            coupling.check()?;
         }
         match self.noise {
             Noise::InBand { snr_db } | Noise::PerProfileSample { snr_db, .. }
@@ -132,5 +153,18 @@ mod tests {
         assert_eq!(field(Disturbance { noise: silent, ..good }), "noise.snr_db");
         let empty = Noise::PerProfileSample { snr_db: 8.0, fft_length: 0 };
         assert_eq!(field(Disturbance { noise: empty, ..good }), "noise.fft_length");
+        let coupled = |coupling| field(Disturbance { coupling: Some(coupling), ..good });
+        let usual = Coupling::default();
+        let loud = Coupling { above_target_db: 1e3, ..usual };
+        assert_eq!(coupled(loud), "coupling.above_target_db");
+        assert_eq!(coupled(Coupling { spread_db: -1.0, ..usual }), "coupling.spread_db");
+        let early = Coupling { internal_delay_s: -1e-9, ..usual };
+        assert_eq!(coupled(early), "coupling.internal_delay_s");
+        assert_eq!(coupled(Coupling { ripple_db: f64::NAN, ..usual }), "coupling.ripple_db");
+        assert_eq!(coupled(Coupling { ripple_count: 101, ..usual }), "coupling.ripple_count");
+        let wild = PhaseNoise { common_rad: -1.0, ..PhaseNoise::default() };
+        assert_eq!(field(Disturbance { phase_noise: wild, ..good }), "phase_noise.common_rad");
+        let sudden = GainDrift { correlation_s: 0.0, ..GainDrift::default() };
+        assert_eq!(field(Disturbance { gain_drift: sudden, ..good }), "gain_drift.correlation_s");
     }
 }

@@ -8,6 +8,11 @@ use proto::radar::Wall;
 
 use crate::imaging::{InvalidSetting, invalid};
 
+use super::body::Body;
+use super::mirrors::{Reflector, Shadow};
+use super::slab::WallEffects;
+use super::way::{leg, place_m};
+
 /// Nearer than this to an array, metres, amplitudes grow no more.
 const MIN_RANGE_M: f64 = 0.1;
 
@@ -24,7 +29,7 @@ pub struct WayPoint {
 }
 
 /// What a target reflects like.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TargetKind {
     /// One scatterer of constant reflectivity.
@@ -33,14 +38,16 @@ pub enum TargetKind {
     /// Six scatterers in an ellipse of 0.5 m × 0.28 m, wide across the direction of walking; gains
     /// are drawn anew in every period, and the near side is brighter.
     Person,
+    /// A person with limbs, sway and breath, whose gains change smoothly.
+    Body(Body),
 }
 
 /// One moving target.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Target {
-    /// Where it is when, ascending in time. Between way points it moves evenly; before the first
-    /// and after the last it stands.
+    /// Where it is when, ascending in time. Between way points it moves evenly, between two at the
+    /// same place it stands; so it does before the first and after the last.
     pub way_points: Vec<WayPoint>,
     /// What it reflects like.
     #[serde(default)]
@@ -69,11 +76,20 @@ pub enum AmplitudeLaw {
     /// Not at all \[registration, section 4\].
     #[default]
     Equal,
-    /// As `(1 m / R)²`.
+    /// As `(1 m / R)²`; that of mirrors, whose echo diverges once only, as `1 m / R`.
     InverseSquare,
 }
 
 impl AmplitudeLaw {
+    /// The amplitude of a mirror whose echo comes `path_m` there and back, over that at 2 m.
+    #[must_use]
+    pub fn specular_amplitude(self, path_m: f64) -> f64 {
+        match self {
+            Self::Equal => 1.0,
+            Self::InverseSquare => 2.0 / path_m.max(2.0 * MIN_RANGE_M),
+        }
+    }
+
     /// The amplitude at `range_m`.
     #[must_use]
     pub fn amplitude(self, range_m: f64) -> f64 {
@@ -85,7 +101,7 @@ impl AmplitudeLaw {
 }
 
 /// All that a node could see.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Scene {
     /// What moves.
@@ -96,32 +112,50 @@ pub struct Scene {
     pub amplitude_law: AmplitudeLaw,
     /// The wall before every node, parallel to its array.
     pub wall: Option<Wall>,
+    /// What that wall does besides delaying.
+    pub wall_effects: WallEffects,
+    /// Walls of the room that mirror, and echo themselves.
+    pub reflectors: Vec<Reflector>,
+    /// How people shade clutter and reflectors; not at all without it.
+    pub shadow: Option<Shadow>,
+    /// Echo of a perfect mirror 1 m away over that of a point of 0 dB 1 m away, decibels of power;
+    /// `10 log10(π / area)`, if a point of 0 dB has a radar cross section of `area` in m².
+    pub specular_db: f64,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            targets: Vec::new(),
+            clutter: Vec::new(),
+            amplitude_law: AmplitudeLaw::default(),
+            wall: None,
+            wall_effects: WallEffects::default(),
+            reflectors: Vec::new(),
+            shadow: None,
+            specular_db: 5.0,
+        }
+    }
 }
 
 impl Target {
     /// Where the target's middle is at `time_s`. Assumes at least one way point.
     #[must_use]
     pub fn position(&self, time_s: f64) -> Point<World> {
-        let (from, to) = self.leg(time_s);
-        let duration_s = to.time_s - from.time_s;
-        let share = if 0.0 < duration_s { (time_s - from.time_s) / duration_s } else { 0.0 };
-        let share = share.clamp(0.0, 1.0);
-        Point::new(from.x_m + share * (to.x_m - from.x_m), from.y_m + share * (to.y_m - from.y_m))
+        let turn_s = match self.kind {
+            TargetKind::Body(body) => body.turn_s,
+            TargetKind::Point | TargetKind::Person => 0.0,
+        };
+        Point::from_coords(place_m(&self.way_points, turn_s, time_s))
     }
 
-    /// The unit vector of the motion at `time_s`; the world's `y` if the target stands.
+    /// The unit vector from the way point before to the one after `time_s`; the world's `y` if the
+    /// target stands.
     #[must_use]
     pub fn direction(&self, time_s: f64) -> Vector2<f64> {
-        let (from, to) = self.leg(time_s);
+        let (from, to) = leg(&self.way_points, time_s);
         let moved_m = Vector2::new(to.x_m - from.x_m, to.y_m - from.y_m);
         moved_m.try_normalize(1e-9).unwrap_or_else(Vector2::y)
-    }
-
-    /// The way points before and after `time_s`.
-    fn leg(&self, time_s: f64) -> (&WayPoint, &WayPoint) {
-        let after = self.way_points.partition_point(|way_point| way_point.time_s <= time_s);
-        let last = self.way_points.len() - 1;
-        (&self.way_points[after.saturating_sub(1)], &self.way_points[after.min(last)])
     }
 
     fn check(&self, index: usize) -> Result<(), InvalidSetting> {
@@ -134,7 +168,11 @@ impl Target {
         if !self.way_points.windows(2).all(ascending) {
             return Err(invalid(field, &self.way_points, "let the times ascend"));
         }
-        check_amplitude(&format!("scene.targets[{index}]"), self.amplitude_db)
+        let of = format!("scene.targets[{index}]");
+        if let TargetKind::Body(body) = &self.kind {
+            body.check(&of)?;
+        }
+        check_amplitude(&of, self.amplitude_db)
     }
 }
 
@@ -161,9 +199,20 @@ impl Scene {
             }
             check_amplitude(&of, clutter.amplitude_db)?;
         }
+        for (index, reflector) in self.reflectors.iter().enumerate() {
+            reflector.check(&format!("scene.reflectors[{index}]"))?;
+        }
+        if let Some(shadow) = &self.shadow {
+            shadow.check()?;
+        }
+        if !(-200.0..=200.0).contains(&self.specular_db) {
+            return Err(invalid("scene.specular_db", self.specular_db, "use -200 to 200 dB"));
+        }
+        self.wall_effects.check()?;
         match &self.wall {
             Some(wall) => Ok(wall.check()?),
-            None => Ok(()),
+            None if self.wall_effects == WallEffects::default() => Ok(()),
+            None => Err(invalid("scene.wall_effects", self.wall_effects, "also set scene.wall")),
         }
     }
 }
@@ -203,10 +252,30 @@ mod tests {
     fn scenes_are_written_in_toml_and_unknown_keys_are_refused() {
         let text = "
             amplitude_law = 'inverse_square'
+            shadow = { loss_db = 9.0 }
+            specular_db = 8.0
             wall = { thickness_m = 0.24, permittivity = 5.0 }
             [[targets]]
             kind = 'person'
             way_points = [{ time_s = 0.0, x_m = 2.0, y_m = 3.0 }, { time_s = 1.0, x_m = 8.0, y_m = 8.0 }]
+            [[targets]]
+            kind = { body = { fluctuation = 'per_period', turn_s = 0.0 } }
+            way_points = [{ time_s = 0.0, x_m = 2.0, y_m = 3.0 }]
+            [[targets]]
+            way_points = [{ time_s = 0.0, x_m = 2.0, y_m = 3.0 }]
+            [targets.kind.body.fluctuation.correlated]
+            time_s = 5.0
+            way_m = 0.2
+            [[reflectors]]
+            from_m = [0.0, 9.0]
+            to_m = [8.0, 9.0]
+            reflection_db = -6.0
+            [wall_effects]
+            stand_off_m = 0.1
+            transmission = 'fresnel'
+            conductivity_s_per_m = 0.03
+            inner_pass_count = 1
+            face_echo_count = 2
             [[clutter]]
             x_m = 5.0
             y_m = 9.0
@@ -240,5 +309,26 @@ mod tests {
         assert_eq!(check(|s| s.clutter[0].amplitude_db = 1e9), "scene.clutter[0].amplitude_db");
         let thin = |s: &mut Scene| s.wall = Some(Wall { thickness_m: 9.0, permittivity: 4.0 });
         assert_eq!(check(thin), "wall.thickness_m");
+        let no_turn = Body { turn_s: -1.0, ..Body::default() };
+        let kind = TargetKind::Body(no_turn);
+        let walk = Target { kind, ..walk() };
+        let turning = Scene { targets: vec![walk], ..Scene::default() };
+        assert_eq!(turning.check().unwrap_err().field, "scene.targets[0].kind.body.turn_s");
+        assert_eq!(check(|s| s.wall_effects.stand_off_m = 1.0), "scene.wall_effects");
+        assert_eq!(check(|s| s.specular_db = f64::NAN), "scene.specular_db");
+        let shadow = |s: &mut Scene| s.shadow = Some(Shadow { loss_db: -1.0, half_width_m: 0.2 });
+        assert_eq!(check(shadow), "scene.shadow.loss_db");
+        let thread = |s: &mut Scene| s.shadow = Some(Shadow { loss_db: 3.0, half_width_m: 0.0 });
+        assert_eq!(check(thread), "scene.shadow.half_width_m");
+        let reflector = |from_m, to_m, reflection_db| {
+            let reflectors = vec![Reflector { from_m, to_m, reflection_db }];
+            let mirrored = Scene { reflectors, ..Scene::default() };
+            mirrored.check().unwrap_err().field
+        };
+        let ([a, b], far) = ([[0.0, 1.0], [2.0, 1.0]], [f64::NAN, 0.0]);
+        assert_eq!(reflector(far, b, -6.0), "scene.reflectors[0].from_m");
+        assert_eq!(reflector(a, far, -6.0), "scene.reflectors[0].to_m");
+        assert_eq!(reflector(a, a, -6.0), "scene.reflectors[0].to_m");
+        assert_eq!(reflector(a, b, 1.0), "scene.reflectors[0].reflection_db");
     }
 }

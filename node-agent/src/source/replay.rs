@@ -66,7 +66,7 @@ impl SweepSource for Replay {
         self.period_s * (period as f64 + 0.5)
     }
 
-    fn frame(&mut self, period: u64) -> Frame {
-        Frame::Detections(self.batches.get(&period).cloned().unwrap_or_default())
+    fn frame(&mut self, period: u64) -> Result<Frame, SourceError> {
+        Ok(Frame::Detections(self.batches.get(&period).cloned().unwrap_or_default()))
     }
 }

@@ -4,7 +4,7 @@ use proto::geom::Se2;
 use serde::{Deserialize, Serialize};
 
 use super::{Frame, SourceError, SweepSource};
-use crate::simulate::{Disturbance, EchoSimulator, Radar, Scene};
+use crate::simulate::{Disturbance, EchoSimulator, Radar, Scene, Truth};
 
 /// A simulated scene and the node's place in it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,6 +64,11 @@ impl Simulated {
         let simulator = EchoSimulator::new(scene, pose_world_from_node, radar, disturbance, *seed)?;
         Ok(Self { simulator, config: config.clone() })
     }
+
+    /// When a period is, in the scene's time.
+    fn time_s(&self, period: u64) -> f64 {
+        self.config.first_s + self.middle_s(period)
+    }
 }
 
 impl SweepSource for Simulated {
@@ -75,7 +80,11 @@ impl SweepSource for Simulated {
         self.config.period_s * period as f64
     }
 
-    fn frame(&mut self, period: u64) -> Frame {
-        Frame::Sweep(self.simulator.sweep(period, self.config.first_s + self.middle_s(period)))
+    fn truth(&self, period: u64) -> Option<Truth> {
+        Some(self.simulator.truth(period, self.time_s(period)))
+    }
+
+    fn frame(&mut self, period: u64) -> Result<Frame, SourceError> {
+        Ok(Frame::Sweep(self.simulator.sweep(period, self.time_s(period))))
     }
 }

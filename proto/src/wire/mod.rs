@@ -2,12 +2,14 @@
 //!
 //! A message is a fixed header of 48 bytes, written by hand so that a version mismatch can be
 //! named even where the payload cannot be read, and a payload in bincode 2 with fixed-width
-//! little-endian integers. Golden bytes in the tests keep the layout from drifting.
+//! little-endian integers. Golden bytes in the tests keep the layout from drifting. Raw sweeps, which
+//! drivers in other languages write, have a simpler layout of their own ([`RawSweep`]).
 
 mod check;
 mod codec;
 mod command;
 mod header;
+mod sweep;
 mod to_agent;
 mod to_centre;
 
@@ -15,6 +17,7 @@ pub use check::Invalid;
 pub use codec::{MAX_PAYLOAD_BYTES, Message, Received, Stamp, decode, encode};
 pub use command::Command;
 pub use header::{HEADER_BYTES, Kind, Refusal};
+pub use sweep::{RawSweep, SWEEP_HEADER_BYTES, SweepRefusal};
 pub use to_agent::{
     ClockAnswer, Evidence, FusedTarget, NodeInPicture, NodeState, Outcome, Picture, PoseRecord,
     Registration, Rival, SetsUsed, Transform,

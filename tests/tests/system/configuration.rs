@@ -37,6 +37,10 @@ fn missing_files_and_unknown_names_are_named() {
     for (name, arguments, expected) in [
         ("node-agent", &["--config", "no-such.toml"][..], "no-such.toml"),
         ("node-agent", &["--recording", "no-such.csv"], "no-such.csv"),
+        ("node-agent", &["--echoes", "no-such.npz"], "no-such.npz"),
+        ("node-agent", &["process", "no-such.npz"], "no-such.npz"),
+        ("node-agent", &["record", "--out", "echoes.wav", "--periods", "1"], "echoes.wav"),
+        ("node-agent", &["record", "--out", "echoes.npz"], "--periods"),
         ("node-agent", &["--set", "chain.fft_lenght=1"], "fft_lenght"),
         ("sim-harness", &["run", "atlantis"], "neither a shipped scenario (paper"),
         ("sim-harness", &["run", "recorded", "--recording", "nowhere"], "nowhere/extrinsics.json"),

@@ -15,4 +15,5 @@ mod configuration;
 mod garbage;
 mod main_job;
 mod nothing_left_behind;
+mod recordings;
 mod support;

@@ -1,11 +1,13 @@
 //! The command line of the node agent.
 
+mod offline;
+
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use clap::{Parser, ValueEnum};
+use clap::{Parser, Subcommand, ValueEnum};
 use proto::config::load;
 use proto::ids::{NodeId, SiteId};
 use proto::process;
@@ -15,21 +17,47 @@ use crate::service;
 
 /// One radar node: turns sweeps into images and images into measured points, and sends them to
 /// the fusion centre.
+///
+/// Without a command it runs as an agent.
 #[derive(Debug, Parser)]
-#[command(name = "node-agent", version)]
+#[command(name = "node-agent", version, args_conflicts_with_subcommands = true)]
 pub struct Arguments {
-    /// Configuration file (TOML); every key has a default, see deploy/node.toml.
-    #[arg(long, env = "TRANSMURAL_NODE_CONFIG", value_name = "FILE")]
-    config: Option<PathBuf>,
+    #[command(subcommand)]
+    command: Option<Command>,
     #[command(flatten)]
     flags: Flags,
+    /// Print the effective configuration and exit.
+    #[arg(long)]
+    print_config: bool,
     #[command(flatten)]
     process: process::Flags,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Turn recorded echoes into points and pictures.
+    Process(offline::ProcessFlags),
+    /// Write the sweeps of the configured source to a recording.
+    Record(offline::RecordFlags),
+    /// Send the sweeps of the configured source to an agent's live intake, as a radar's driver does.
+    Feed(FeedFlags),
+}
+
+#[derive(Debug, clap::Args)]
+struct FeedFlags {
+    /// Endpoint at which the agent listens for its driver (its live.listen).
+    #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:7448")]
+    to: String,
+    #[command(flatten)]
+    flags: Flags,
 }
 
 /// What can be set by flag; a flag wins over the configuration file.
 #[derive(Debug, clap::Args)]
 struct Flags {
+    /// Configuration file (TOML); every key has a default, see deploy/node.toml.
+    #[arg(long, env = "TRANSMURAL_NODE_CONFIG", value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Name of the installation.
     #[arg(long)]
     site: Option<SiteId>,
@@ -42,9 +70,12 @@ struct Flags {
     /// Where sweeps come from.
     #[arg(long, value_enum)]
     source: Option<SourceFlag>,
-    /// Recording to play (CSV or JSON Lines); implies --source recorded.
+    /// Recorded detections to play (CSV or JSON Lines); implies --source recorded.
     #[arg(long, value_name = "FILE")]
     recording: Option<PathBuf>,
+    /// Recorded echoes to play (NPZ or SigMF); implies --source echoes.
+    #[arg(long, value_name = "FILE", conflicts_with = "recording")]
+    echoes: Option<PathBuf>,
     /// Height of the recording radar above the floor, metres: examines body heights.
     #[arg(long)]
     sensor_height_m: Option<f64>,
@@ -67,25 +98,32 @@ struct Flags {
     /// chain.detection.min_coherence=0.3; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
-    /// Print the effective configuration and exit.
-    #[arg(long)]
-    print_config: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum SourceFlag {
     Simulated,
     Recorded,
+    Echoes,
+    Live,
 }
 
 /// Runs the program with these arguments, the first of which is its name.
 pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
-    process::main(words, async |arguments: Arguments, stop| {
-        let config = arguments.configuration()?;
-        if arguments.flags.print_config {
-            return process::print(&toml::to_string(&config)?);
+    process::main(words, async |arguments: Arguments, stop| match arguments.command {
+        Some(Command::Process(flags)) => {
+            tokio::task::block_in_place(|| offline::process(&flags, &stop))
         }
-        service::run(config, stop).await
+        Some(Command::Record(flags)) => {
+            tokio::task::block_in_place(|| offline::record(&flags, &stop))
+        }
+        Some(Command::Feed(FeedFlags { to, flags })) => {
+            service::feed(flags.configuration()?, &to, stop).await
+        }
+        None if arguments.print_config => {
+            process::print(&toml::to_string(&arguments.flags.configuration()?)?)
+        }
+        None => service::run(arguments.flags.configuration()?, stop).await,
     })
 }
 
@@ -95,20 +133,18 @@ impl process::HasFlags for Arguments {
     }
 }
 
-impl Arguments {
+impl Flags {
     /// Defaults, then the file, then the flags; checked as a whole.
     fn configuration(&self) -> anyhow::Result<AgentConfig> {
         let file: AgentConfig = self.config.as_deref().map(load).transpose()?.unwrap_or_default();
-        let mut config = proto::config::with_settings(file, &self.flags.settings)?;
-        self.flags.apply(&mut config);
+        let mut config = proto::config::with_settings(file, &self.settings)?;
+        self.apply(&mut config);
         let origin = self.config.as_deref().map(|path| path.display().to_string());
         let origin = origin.unwrap_or_else(|| "command line".to_owned());
         config.check().with_context(|| format!("configuration ({origin})"))?;
         Ok(config)
     }
-}
 
-impl Flags {
     fn apply(&self, config: &mut AgentConfig) {
         fn set<T: Clone>(target: &mut T, flag: Option<&T>) {
             if let Some(value) = flag {
@@ -120,6 +156,7 @@ impl Flags {
         set(&mut config.play.speed, self.speed.as_ref());
         set(&mut config.simulated.seed, self.seed.as_ref());
         set(&mut config.recorded.path, self.recording.as_ref());
+        set(&mut config.echoes.path, self.echoes.as_ref());
         for (target, flag) in [
             (&mut config.output.points_jsonl, &self.points),
             (&mut config.output.image_png, &self.image),
@@ -133,10 +170,12 @@ impl Flags {
         if !self.connect.is_empty() {
             config.bus.connect.clone_from(&self.connect);
         }
-        config.source = match (self.source, &self.recording) {
-            (Some(SourceFlag::Simulated), _) => SourceKind::Simulated,
-            (Some(SourceFlag::Recorded), _) | (None, Some(_)) => SourceKind::Recorded,
-            (None, None) => config.source,
+        config.source = match (self.source, &self.recording, &self.echoes) {
+            (Some(SourceFlag::Simulated), ..) => SourceKind::Simulated,
+            (Some(SourceFlag::Live), ..) => SourceKind::Live,
+            (Some(SourceFlag::Echoes), ..) | (None, _, Some(_)) => SourceKind::Echoes,
+            (Some(SourceFlag::Recorded), ..) | (None, Some(_), _) => SourceKind::Recorded,
+            (None, None, None) => config.source,
         };
     }
 }

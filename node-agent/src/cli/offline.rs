@@ -1,0 +1,302 @@
+//! The commands that work on recordings.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail, ensure};
+use clap::ValueEnum;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use proto::config::load;
+use proto::ids::NodeId;
+use proto::process;
+use proto::radar::Wall;
+use rayon::prelude::*;
+use tokio_util::sync::CancellationToken;
+
+use super::Flags;
+use crate::config::{AgentConfig, TargetConfig};
+use crate::detect::DetectionConfig;
+use crate::imaging::wall::WallModel;
+use crate::offline::{
+    self, Job, LinesFile, LinesText, Options, PeriodSink, PointsTable, Processed,
+};
+use crate::pipeline::ChainConfig;
+use crate::recording::Recording;
+use crate::source::EchoesConfig;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ProcessFlags {
+    /// Recordings of echoes (NPZ or SigMF, see docs/recordings.md), processed side by side.
+    #[arg(required = true, value_name = "RECORDING")]
+    recordings: Vec<PathBuf>,
+    /// The chain: the best one, or exactly the paper's choices.
+    #[arg(long, value_enum, default_value = "default", conflicts_with = "config")]
+    preset: Preset,
+    /// Take [chain] and [target] from an agent's configuration file instead.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Set any key of [chain] and [target], such as chain.canceller=none; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// Thickness of the wall before the array.
+    #[arg(long, value_name = "D", requires = "wall_permittivity")]
+    wall_thickness_m: Option<f64>,
+    /// Relative permittivity of that wall.
+    #[arg(long, value_name = "E", requires = "wall_thickness_m")]
+    wall_permittivity: Option<f64>,
+    /// What targets are like: extended people (the default), or points.
+    #[arg(long, value_enum)]
+    target: Option<TargetFlag>,
+    /// The recordings have the phase convention exp(+j 2 pi f tau).
+    #[arg(long)]
+    conjugate: bool,
+    /// Read only this many periods.
+    #[arg(long, value_name = "N")]
+    periods: Option<u64>,
+    /// Name of the node in the output; by default the recording's own, or its file's name.
+    #[arg(long)]
+    node: Option<NodeId>,
+    /// Points as JSON Lines: a file, or with several recordings a folder for one file each.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Images as PNG, one per period, into this folder.
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
+    /// Print JSON: the points as JSON Lines, or with --out one object of what was done.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Preset {
+    Default,
+    Paper,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum TargetFlag {
+    People,
+    Points,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct RecordFlags {
+    /// The recording to write: NAME.npz or NAME.sigmf-meta. The truth of a simulated scene goes to
+    /// NAME.truth.jsonl.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Number of periods; all of the source if left out.
+    #[arg(long, value_name = "N")]
+    periods: Option<u64>,
+    #[command(flatten)]
+    flags: Flags,
+}
+
+/// Records the configured source.
+pub(super) fn record(flags: &RecordFlags, stop: &CancellationToken) -> anyhow::Result<()> {
+    let opened = flags.flags.configuration()?.open_source()?;
+    let bar = bars().add(bar());
+    let count = offline::record(opened, &flags.out, flags.periods, &bar, stop)?;
+    process::print(&format!("{count} periods in {}\n", flags.out.display()))
+}
+
+/// Processes recordings side by side.
+pub(super) fn process(flags: &ProcessFlags, stop: &CancellationToken) -> anyhow::Result<()> {
+    let options = flags.options()?;
+    let jobs = flags.jobs()?;
+    let bars = bars();
+    let outcomes: Vec<anyhow::Result<Outcome>> =
+        jobs.par_iter().map(|job| flags.run(job, &options, &bars.add(bar()), stop)).collect();
+    let mut done = Vec::new();
+    let mut failed = Vec::new();
+    for (job, outcome) in jobs.iter().zip(outcomes) {
+        match outcome {
+            Ok(Outcome { text, processed }) => {
+                process::print(&text)?;
+                done.push(processed);
+            }
+            Err(error) => failed
+                .push(Failed { recording: job.echoes.path.clone(), error: format!("{error:#}") }),
+        }
+    }
+    flags.print_summary(&done, &failed)?;
+    let Some(Failed { error, .. }) = failed.first() else { return Ok(()) };
+    bail!("{} of {} recordings failed: {error}", failed.len(), jobs.len())
+}
+
+/// What one recording gave.
+struct Outcome {
+    /// For standard output.
+    text: String,
+    processed: Processed,
+}
+
+/// A recording that was not processed to its end.
+#[derive(serde::Serialize)]
+struct Failed {
+    recording: PathBuf,
+    error: String,
+}
+
+impl ProcessFlags {
+    /// How all recordings are processed.
+    fn options(&self) -> anyhow::Result<Options> {
+        let mut base: AgentConfig = match &self.config {
+            Some(path) => load(path)?,
+            None => self.preset.config(),
+        };
+        if let Some(target) = self.target {
+            self.expect(target, &mut base);
+        }
+        let AgentConfig { mut chain, target, .. } =
+            proto::config::with_settings(base, &self.settings)?;
+        if let (Some(thickness_m), Some(permittivity)) =
+            (self.wall_thickness_m, self.wall_permittivity)
+        {
+            let wall = Wall { thickness_m, permittivity };
+            chain.wall = match self.preset {
+                Preset::Default => WallModel::Refraction(wall),
+                Preset::Paper => WallModel::FixedDelay(wall),
+            };
+        }
+        chain.check().context("chain")?;
+        let TargetConfig { half_depth_m, half_depth_sigma_m } = target;
+        Ok(Options { chain, half_depth_m, half_depth_sigma_m, images: self.images.clone() })
+    }
+
+    /// Settles what targets are like; how the paper detects does not depend on it.
+    fn expect(&self, target: TargetFlag, config: &mut AgentConfig) {
+        let (half_depth, detection) = match target {
+            TargetFlag::People => (TargetConfig::default(), DetectionConfig::people()),
+            TargetFlag::Points => {
+                let half_depth = TargetConfig { half_depth_m: 0.0, half_depth_sigma_m: 0.0 };
+                (half_depth, DetectionConfig::points())
+            }
+        };
+        config.target = half_depth;
+        if matches!(self.preset, Preset::Default) {
+            config.chain.detection = detection;
+        }
+    }
+
+    /// The recordings with their nodes' names, which must differ.
+    fn jobs(&self) -> anyhow::Result<Vec<Job>> {
+        let several = 1 < self.recordings.len();
+        ensure!(!several || self.node.is_none(), "--node names one node: give one recording");
+        let mut jobs: Vec<Job> = Vec::new();
+        for path in &self.recordings {
+            let node = self.node.clone().map_or_else(|| node_of(path), Ok)?;
+            if let Some(other) = jobs.iter().find(|job| job.node == node) {
+                let (a, b) = (path.display(), other.echoes.path.display());
+                bail!("{a} and {b} are both of node {node}: rename one of them");
+            }
+            let (conjugate, period_count) = (self.conjugate, self.periods);
+            let echoes = EchoesConfig { path: path.clone(), conjugate, period_count };
+            jobs.push(Job { echoes, node });
+        }
+        Ok(jobs)
+    }
+
+    fn run(
+        &self,
+        job: &Job,
+        options: &Options,
+        bar: &ProgressBar,
+        stop: &CancellationToken,
+    ) -> anyhow::Result<Outcome> {
+        bar.set_prefix(job.node.to_string());
+        let run = |sink: &mut dyn PeriodSink| offline::process(job, options, sink, bar, stop);
+        if let Some(out) = self.out_of(job)? {
+            let mut file = LinesFile::create(&out)
+                .with_context(|| format!("creating --out {}", out.display()))?;
+            let processed = run(&mut file)?;
+            return Ok(Outcome { text: String::new(), processed });
+        }
+        if self.json {
+            let mut lines = LinesText::default();
+            let processed = run(&mut lines)?;
+            return Ok(Outcome { text: String::from_utf8(lines.text)?, processed });
+        }
+        let mut table = PointsTable::default();
+        let processed = run(&mut table)?;
+        Ok(Outcome { text: table.text, processed })
+    }
+
+    /// Where the lines of a recording go.
+    fn out_of(&self, job: &Job) -> anyhow::Result<Option<PathBuf>> {
+        let Some(out) = &self.out else { return Ok(None) };
+        if self.recordings.len() == 1 && !out.is_dir() {
+            return Ok(Some(out.clone()));
+        }
+        std::fs::create_dir_all(out)
+            .with_context(|| format!("creating the folder --out {}", out.display()))?;
+        Ok(Some(out.join(format!("{}.jsonl", job.node))))
+    }
+
+    fn print_summary(&self, done: &[Processed], failed: &[Failed]) -> anyhow::Result<()> {
+        if self.json {
+            // The lines are the output, and errors go to standard error.
+            if self.out.is_none() {
+                return Ok(());
+            }
+            let summary = serde_json::json!({ "recordings": done, "failed": failed });
+            return process::print(&format!("{summary}\n"));
+        }
+        let mut text = String::new();
+        for one in done {
+            let Processed { node, period_count, point_count, warming_up_count, .. } = one;
+            text.push_str(&format!("{node}: {point_count} points in {period_count} periods"));
+            if 0 < *warming_up_count {
+                text.push_str(&format!(", {warming_up_count} of them to learn the background"));
+            }
+            if one.own_background {
+                text.push_str(", with the recording's own background");
+            }
+            if one.times_assumed {
+                text.push_str("; no times in it, 0.1 s per period assumed");
+            }
+            text.push('\n');
+        }
+        for one in failed {
+            text.push_str(&format!("failed: {}\n", one.error));
+        }
+        process::print(&text)
+    }
+}
+
+impl Preset {
+    fn config(self) -> AgentConfig {
+        match self {
+            Self::Default => AgentConfig::default(),
+            Self::Paper => AgentConfig {
+                chain: ChainConfig::paper(),
+                target: TargetConfig { half_depth_m: 0.0, half_depth_sigma_m: 0.0 },
+                ..AgentConfig::default()
+            },
+        }
+    }
+}
+
+/// The name of the node that made a recording: its own word, else made of the file's name.
+fn node_of(path: &Path) -> anyhow::Result<NodeId> {
+    // A recording that cannot be opened is named when it is processed; the others go on.
+    let own = Recording::open(path).ok().and_then(|recording| recording.header().node.clone());
+    if let Some(node) = own.and_then(|name| name.parse().ok()) {
+        return Ok(node);
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
+    let name: String =
+        stem.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(32).collect();
+    name.trim_matches('-')
+        .parse()
+        .with_context(|| format!("{}: no name for a node: use --node", path.display()))
+}
+
+fn bars() -> MultiProgress {
+    MultiProgress::new()
+}
+
+fn bar() -> ProgressBar {
+    let template = "{prefix:>8} {bar:24} {pos:>6}/{len} periods, {eta} left";
+    let style = ProgressStyle::with_template(template);
+    ProgressBar::no_length().with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}

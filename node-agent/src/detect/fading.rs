@@ -1,0 +1,176 @@
+//! Whether anything moves at the place of a point, or whether it is the shadow of one that left.
+//!
+//! With the coherent sums `I_k` at the place over the last seconds, drift of the radio undone, noise
+//! power `N σ²`: `V = Σ_k |I_k − mean I|² / ((n − 1) N σ²)` is 1 with a standard deviation of
+//! `1 / sqrt(n − 1)` if nothing moves, whatever stands there. A living person turns the phase by
+//! `4π / λ` times his motion: `V − 1 ≈ SNR_I · var(phase)`; 2.5 mm of breathing are 0.2 rad, a
+//! variance of 0.02. A shadow in an old background, `SNR_I` strong, has `V ≈ 1`.
+//!
+//! Between two breaths `V` may sink to 1. A place stays alive for a breath where the background was
+//! learned before anyone came: there are no shadows. The range gates of what lives are held, because
+//! this test is finer than that of the gates by the number of channels.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector2;
+use rustfft::num_complex::Complex;
+
+use proto::measured::MeasuredPoint;
+use proto::radar::{Array, Band, SPEED_OF_LIGHT_M_PER_S};
+
+use crate::imaging::canceller::slow_fast::SlowFast;
+use crate::imaging::wall::WallModel;
+
+/// Standard deviations of `V` above 1 that noise does not reach.
+const NOISE_SIGMAS: f64 = 4.0;
+/// Least `(V − 1) / SNR_I` of a living person: half of what 2.5 mm of breathing give.
+const MIN_MOTION: f64 = 0.01;
+/// With fewer frames nothing is said against a point.
+const MIN_FRAMES: usize = 4;
+/// One breath, in `T_fast`.
+const BREATH_FAST_TIMES: f64 = 4.0;
+/// A background learned for this long, in `T_fast`, is that of the room.
+const TRUSTED_FAST_TIMES: f64 = 3.0;
+/// A point this near to where something lived is the same, metres: one that stands and sways.
+const SAME_PLACE_M: f64 = 0.4;
+
+/// The geometry of coherent sums.
+#[derive(Clone, Debug)]
+pub struct Focus {
+    array: Array,
+    wall: WallModel,
+    carrier_hz: f64,
+}
+
+impl Focus {
+    /// For one radar and wall.
+    #[must_use]
+    pub fn new(band: &Band, array: &Array, wall: &WallModel) -> Self {
+        Self { array: array.clone(), wall: *wall, carrier_hz: band.carrier_hz() }
+    }
+
+    /// Whether something moved at the place of `point` lately; `sample_rate_hz` is that of the
+    /// profiles `seen`.
+    #[must_use]
+    pub fn is_live(&self, seen: &SlowFast, point: &MeasuredPoint, sample_rate_hz: f64) -> bool {
+        let looks = self.looks(&Vector2::new(point.x_m, point.y_m), sample_rate_hz);
+        let snr = 10_f64.powf(0.1 * point.snr_db);
+        let sums: Vec<Complex<f64>> =
+            seen.history().frames().map(|(_, samples)| coherent_sum(&looks, samples)).collect();
+        let noise = seen.noise_power() * looks.len() as f64;
+        if sums.len() < MIN_FRAMES || noise <= 0.0 {
+            return true;
+        }
+        let degrees = (sums.len() - 1) as f64;
+        let excess = variance(&sums) / noise - 1.0;
+        (NOISE_SIGMAS / degrees.sqrt()).max(MIN_MOTION * snr) < excess
+    }
+
+    /// The mean delay of the channels to a place, in whole samples.
+    #[expect(clippy::cast_possible_truncation, reason = "some thousand samples")]
+    fn mean_delay(&self, place_m: &Vector2<f64>, sample_rate_hz: f64) -> usize {
+        let looks = self.looks(place_m, sample_rate_hz);
+        let total: f64 = looks.iter().map(|(delay, _)| delay).sum();
+        (total / looks.len() as f64).clamp(0.0, 1e9) as usize
+    }
+
+    /// Where in each channel's profile the place is, in samples, and its carrier phasor.
+    fn looks(&self, place_m: &Vector2<f64>, sample_rate_hz: f64) -> Vec<(f64, Complex<f64>)> {
+        let legs_m = |antennas: &[[f64; 2]]| -> Vec<f64> {
+            let leg = |a: &[f64; 2]| self.wall.leg_path_m(place_m.x - a[0], place_m.y - a[1]);
+            antennas.iter().map(leg).collect()
+        };
+        let (tx_m, rx_m) = (legs_m(&self.array.tx_m), legs_m(&self.array.rx_m));
+        let paths_m = tx_m.iter().flat_map(|tx| rx_m.iter().map(move |rx| tx + rx));
+        let look = |path_m: f64| {
+            let delay_s = path_m / SPEED_OF_LIGHT_M_PER_S;
+            (delay_s * sample_rate_hz, Complex::cis(TAU * self.carrier_hz * delay_s))
+        };
+        paths_m.map(look).collect()
+    }
+}
+
+/// What lives, and where it did lately.
+#[derive(Clone, Debug)]
+pub struct Living {
+    focus: Focus,
+    seen_alive: Vec<Place>,
+}
+
+/// Where something lived and when.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    coords_m: Vector2<f64>,
+    time_s: f64,
+}
+
+impl Living {
+    /// For one radar and wall.
+    #[must_use]
+    pub fn new(focus: Focus) -> Self {
+        Self { focus, seen_alive: Vec::new() }
+    }
+
+    /// Keeps of `points`, measured at `time_s`, those at whose place something moves, and holds
+    /// their range gates; `sample_rate_hz` is that of the profiles `seen`.
+    pub fn keep_living(
+        &mut self,
+        points: &mut Vec<MeasuredPoint>,
+        time_s: f64,
+        seen: &mut SlowFast,
+        sample_rate_hz: f64,
+    ) {
+        let breath_s = BREATH_FAST_TIMES * seen.fast_s();
+        self.seen_alive.retain(|place| (0.0..=breath_s).contains(&(time_s - place.time_s)));
+        points.retain(|point| {
+            let coords_m = Vector2::new(point.x_m, point.y_m);
+            let moves = self.focus.is_live(seen, point, sample_rate_hz);
+            let delay = self.focus.mean_delay(&coords_m, sample_rate_hz);
+            let trusted = TRUSTED_FAST_TIMES * seen.fast_s() <= seen.learned_s(delay);
+            if moves {
+                self.remember(Place { coords_m, time_s });
+                seen.hold(delay, time_s + breath_s, sample_rate_hz);
+            }
+            moves || (trusted && self.lived(&coords_m))
+        });
+    }
+
+    fn lived(&self, coords_m: &Vector2<f64>) -> bool {
+        self.seen_alive.iter().any(|place| (place.coords_m - coords_m).norm() < SAME_PLACE_M)
+    }
+
+    /// One place for each spot: the newest one.
+    fn remember(&mut self, newest: Place) {
+        let apart = |place: &Place| SAME_PLACE_M < (place.coords_m - newest.coords_m).norm();
+        self.seen_alive.retain(apart);
+        self.seen_alive.push(newest);
+    }
+}
+
+/// The sum over all channels, interpolated linearly; beyond the profiles there is nothing.
+#[expect(clippy::cast_possible_truncation, reason = "the whole part is meant")]
+fn coherent_sum(looks: &[(f64, Complex<f64>)], samples: &[Complex<f32>]) -> Complex<f64> {
+    let sample_count = samples.len() / looks.len().max(1);
+    let of_channel = |(channel, (delay, phasor)): (usize, &(f64, Complex<f64>))| {
+        let (index, weight) = (delay.max(0.0) as usize, delay.max(0.0).fract());
+        if sample_count < index + 2 {
+            return Complex::default();
+        }
+        let [a, b] = [0, 1].map(|step| {
+            let sample = samples[channel * sample_count + index + step];
+            Complex::new(f64::from(sample.re), f64::from(sample.im))
+        });
+        (a + (b - a) * weight) * phasor
+    };
+    looks.iter().enumerate().map(of_channel).sum()
+}
+
+/// `Σ |z − mean|² / (n − 1)`; 0 for fewer than two.
+fn variance(values: &[Complex<f64>]) -> f64 {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<Complex<f64>>() / count.max(1.0);
+    values.iter().map(|z| (z - mean).norm_sqr()).sum::<f64>() / (count - 1.0).max(1.0)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,10 @@
+//! Work on recordings without a network: turning echoes into points, and writing recordings.
+
+mod pictures;
+mod process;
+mod record;
+mod sink;
+
+pub use process::{Job, Options, ProcessError, Processed, process};
+pub use record::{RecordError, record};
+pub use sink::{LinesFile, LinesText, PeriodSink, PointsTable};

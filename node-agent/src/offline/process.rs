@@ -1,0 +1,224 @@
+//! Recorded echoes to points and pictures: the node's chain, run over a file.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use indicatif::ProgressBar;
+use proto::ids::NodeId;
+use proto::wire::Counters;
+use serde::Serialize;
+use thiserror::Error;
+use tokio_util::sync::CancellationToken;
+
+use super::pictures::Pictures;
+use super::sink::PeriodSink;
+use crate::imaging::canceller::CancellerConfig;
+use crate::lines::PointsLine;
+use crate::pipeline::{Chain, ChainConfig, ChainError, ChainState};
+use crate::recording::{Recording, RecordingError};
+use crate::source::EchoesConfig;
+
+/// How recordings are processed; the radar is the recording's.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// From sweeps to points.
+    pub chain: ChainConfig,
+    /// How far behind a point the middle of its target lies, metres.
+    pub half_depth_m: f64,
+    /// Standard deviation of that.
+    pub half_depth_sigma_m: f64,
+    /// Folder for the images, if they are wanted.
+    pub images: Option<PathBuf>,
+}
+
+/// One recording to process.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// The file, and how it is read.
+    pub echoes: EchoesConfig,
+    /// The node's name in lines and pictures.
+    pub node: NodeId,
+}
+
+/// What came out of one recording.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Processed {
+    /// The file.
+    pub recording: PathBuf,
+    /// The node.
+    pub node: NodeId,
+    /// Periods read.
+    pub period_count: u64,
+    /// Of these, periods in which the background was not known yet.
+    pub warming_up_count: u64,
+    /// Points measured.
+    pub point_count: u64,
+    /// Whether the recording has a background of its own, which was used.
+    pub own_background: bool,
+    /// Whether the times of the periods are assumed.
+    pub times_assumed: bool,
+}
+
+/// Why a recording was not processed to its end.
+#[derive(Debug, Error)]
+pub enum ProcessError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The chain does not take it.
+    #[error("recording {path:?}: {source}")]
+    Chain {
+        /// The file.
+        path: PathBuf,
+        /// What the chain says.
+        source: ChainError,
+    },
+    /// A result cannot be written.
+    #[error("writing {what}: {source}")]
+    Write {
+        /// What was to be written.
+        what: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The user did not wait.
+    #[error("stopped after {period_count} periods of {path:?}")]
+    Stopped {
+        /// The file.
+        path: PathBuf,
+        /// Periods done.
+        period_count: u64,
+    },
+}
+
+/// Runs the chain over one recording; `sink` gets the points of every period. After an error it
+/// holds the periods before.
+///
+/// # Errors
+/// If the recording is damaged, the chain does not take it, a file cannot be written, or `stop`.
+pub fn process(
+    job: &Job,
+    options: &Options,
+    sink: &mut dyn PeriodSink,
+    progress: &ProgressBar,
+    stop: &CancellationToken,
+) -> Result<Processed, ProcessError> {
+    let mut recording = job.echoes.open()?;
+    progress.set_length(recording.period_count());
+    let mut chain = chain_of(&recording, options, &job.echoes.path)?;
+    let mut pictures = options.images.as_deref().map(Pictures::create).transpose();
+    let mut run = Run {
+        job,
+        options,
+        chain: &mut chain,
+        pictures: pictures.as_mut().map_err(|error| writing("images", error))?.as_mut(),
+        done: Processed {
+            recording: job.echoes.path.clone(),
+            node: job.node.clone(),
+            period_count: 0,
+            warming_up_count: 0,
+            point_count: 0,
+            own_background: recording.header().background.is_some(),
+            times_assumed: recording.times().are_assumed(),
+        },
+    };
+    let outcome = run.through(&mut recording, sink, progress, stop);
+    let finished = run.finish(sink);
+    progress.finish_and_clear();
+    outcome?;
+    finished?;
+    Ok(run.done)
+}
+
+/// The chain for the radar of `recording`.
+fn chain_of(recording: &Recording, options: &Options, path: &Path) -> Result<Chain, ProcessError> {
+    let refused = |source| ProcessError::Chain { path: path.to_owned(), source };
+    let header = recording.header();
+    let mut config =
+        ChainConfig { band: header.band, array: header.array.clone(), ..options.chain.clone() };
+    if header.background.is_some() && config.canceller != CancellerConfig::None {
+        config.canceller = CancellerConfig::Background;
+    }
+    let mut chain = Chain::new(&config).map_err(refused)?;
+    if let Some(background) = &header.background {
+        chain.use_background(background).map_err(refused)?;
+    }
+    Ok(chain)
+}
+
+fn writing(what: &str, error: &io::Error) -> ProcessError {
+    let source = io::Error::new(error.kind(), error.to_string());
+    ProcessError::Write { what: what.to_owned(), source }
+}
+
+/// A recording on its way through the chain.
+struct Run<'a> {
+    job: &'a Job,
+    options: &'a Options,
+    chain: &'a mut Chain,
+    pictures: Option<&'a mut Pictures>,
+    done: Processed,
+}
+
+impl Run<'_> {
+    fn through(
+        &mut self,
+        recording: &mut Recording,
+        sink: &mut dyn PeriodSink,
+        progress: &ProgressBar,
+        stop: &CancellationToken,
+    ) -> Result<(), ProcessError> {
+        let wanted = self.job.echoes.period_count.unwrap_or(u64::MAX);
+        while self.done.period_count < wanted {
+            if stop.is_cancelled() {
+                let path = self.done.recording.clone();
+                return Err(ProcessError::Stopped { path, period_count: self.done.period_count });
+            }
+            let Some(sweep) = recording.next_sweep()? else { break };
+            self.period(&sweep, sink)?;
+            progress.inc(1);
+        }
+        Ok(())
+    }
+
+    fn period(
+        &mut self,
+        sweep: &crate::imaging::Sweep,
+        sink: &mut dyn PeriodSink,
+    ) -> Result<(), ProcessError> {
+        let refused = |source| ProcessError::Chain { path: self.job.echoes.path.clone(), source };
+        let measured = self.chain.process_sweep(sweep).map_err(refused)?;
+        let period = self.done.period_count;
+        self.done.period_count += 1;
+        self.done.point_count += measured.points.len() as u64;
+        self.done.warming_up_count += u64::from(measured.state == ChainState::WarmingUp);
+        let counters = Counters {
+            frame_count: self.done.period_count,
+            point_count: self.done.point_count,
+            ..Counters::default()
+        };
+        let line = PointsLine {
+            node: &self.job.node,
+            period,
+            time_s: sweep.time_s,
+            points: &measured.points,
+            counters: &counters,
+            half_depth_m: self.options.half_depth_m,
+            half_depth_sigma_m: self.options.half_depth_sigma_m,
+        };
+        sink.take(&line).map_err(|error| writing("points", &error))?;
+        let Some(pictures) = &mut self.pictures else { return Ok(()) };
+        let node = &self.job.node;
+        let title = format!("{node}, period {period}, {:.2} s", sweep.time_s);
+        let name = format!("{node}-{period:05}");
+        let written = pictures.take(&name, title, measured.image.to_image(), &measured.points);
+        written.map_err(|error| writing("images", &error))
+    }
+
+    fn finish(&mut self, sink: &mut dyn PeriodSink) -> Result<(), ProcessError> {
+        if let Some(pictures) = &mut self.pictures {
+            pictures.finish().map_err(|error| writing("images", &error))?;
+        }
+        sink.finish().map_err(|error| writing("points", &error))
+    }
+}

@@ -1,0 +1,176 @@
+//! The sweeps of a source into a recording, with the truth beside them where the source knows it.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use indicatif::ProgressBar;
+use proto::geom::Point;
+use serde::Serialize;
+use thiserror::Error;
+use tokio_util::sync::CancellationToken;
+
+use crate::config::Opened;
+use crate::recording::{RecordingError, RecordingHeader, RecordingWriter};
+use crate::simulate::Truth;
+use crate::source::{Frame, SourceError};
+
+/// Why a recording was not written.
+#[derive(Debug, Error)]
+pub enum RecordError {
+    /// The source is damaged.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The recording cannot be written.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The source delivers detections.
+    #[error("the source delivers detections, not sweeps: use source simulated or echoes")]
+    NoSweeps,
+    /// The source has no end.
+    #[error("the source has no end: say how many periods with --periods")]
+    NoEnd,
+    /// The truth cannot be written.
+    #[error("writing the truth {path:?}: {source}")]
+    Truth {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+/// Writes the first `period_count` periods of `opened` (all, if not said) to `path`, and the truth
+/// to `NAME.truth.jsonl` beside it. Ends early with `stop`; what was recorded until then is kept.
+/// Returns the number of sweeps written.
+///
+/// # Errors
+/// If the source ends early or delivers no sweeps, or a file cannot be written.
+pub fn record(
+    mut opened: Opened,
+    path: &Path,
+    period_count: Option<u64>,
+    progress: &ProgressBar,
+    stop: &CancellationToken,
+) -> Result<u64, RecordError> {
+    let available = opened.source.period_count();
+    let wanted = match (period_count, available) {
+        (Some(wanted), Some(available)) => wanted.min(available),
+        (Some(count), None) | (None, Some(count)) => count,
+        (None, None) => return Err(RecordError::NoEnd),
+    };
+    progress.set_length(wanted);
+    let chain = &opened.config.chain;
+    let header = RecordingHeader {
+        band: chain.band,
+        array: chain.array.clone(),
+        background: opened.background.take(),
+        node: Some(opened.config.node.to_string()),
+    };
+    let mut writer = RecordingWriter::create(path, header)?;
+    let mut truth = TruthFile::beside(path);
+    let mut written_count = 0;
+    for period in 0..wanted {
+        if stop.is_cancelled() {
+            break;
+        }
+        let Frame::Sweep(sweep) = opened.source.frame(period)? else {
+            return Err(RecordError::NoSweeps);
+        };
+        writer.write_sweep(&sweep)?;
+        if let Some(known) = opened.source.truth(period) {
+            truth.take(&TruthLine::of(period, sweep.time_s, &known))?;
+        }
+        written_count += 1;
+        progress.inc(1);
+    }
+    writer.finish()?;
+    truth.finish()?;
+    progress.finish_and_clear();
+    Ok(written_count)
+}
+
+/// One period's truth, in the node's frame.
+#[derive(Debug, Serialize)]
+struct TruthLine {
+    period: u64,
+    time_s: f64,
+    targets: Vec<TrueTarget>,
+    false_target: Option<Place>,
+    ghosts: Vec<TrueGhost>,
+}
+
+#[derive(Debug, Serialize)]
+struct TrueTarget {
+    x_m: f64,
+    y_m: f64,
+    visible: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct TrueGhost {
+    cause: String,
+    target: usize,
+    x_m: f64,
+    y_m: f64,
+    over_target_db: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Place {
+    x_m: f64,
+    y_m: f64,
+}
+
+impl TruthLine {
+    fn of(period: u64, time_s: f64, truth: &Truth) -> Self {
+        let place = |point: &Point<_>| Place { x_m: point.coords_m.x, y_m: point.coords_m.y };
+        let targets = truth.targets_in_node.iter().zip(&truth.visible).map(|(point, visible)| {
+            let Place { x_m, y_m } = place(point);
+            TrueTarget { x_m, y_m, visible: *visible }
+        });
+        let ghosts = truth.ghosts.iter().map(|ghost| {
+            let Place { x_m, y_m } = place(&ghost.place);
+            let (target, over_target_db) = (ghost.target_index, ghost.over_target_db);
+            TrueGhost { cause: format!("{:?}", ghost.cause), target, x_m, y_m, over_target_db }
+        });
+        Self {
+            period,
+            time_s,
+            targets: targets.collect(),
+            false_target: truth.false_target.as_ref().map(place),
+            ghosts: ghosts.collect(),
+        }
+    }
+}
+
+/// The file of the truth, made when the first line comes.
+struct TruthFile {
+    path: PathBuf,
+    output: Option<BufWriter<File>>,
+}
+
+impl TruthFile {
+    fn beside(recording: &Path) -> Self {
+        Self { path: recording.with_extension("truth.jsonl"), output: None }
+    }
+
+    fn take(&mut self, line: &TruthLine) -> Result<(), RecordError> {
+        let written = self.try_take(line);
+        written.map_err(|source| RecordError::Truth { path: self.path.clone(), source })
+    }
+
+    fn try_take(&mut self, line: &TruthLine) -> io::Result<()> {
+        let output = match &mut self.output {
+            Some(output) => output,
+            none => none.insert(BufWriter::new(File::create(&self.path)?)),
+        };
+        serde_json::to_writer(&mut *output, line)?;
+        output.write_all(b"\n")
+    }
+
+    fn finish(mut self) -> Result<(), RecordError> {
+        let Some(output) = &mut self.output else { return Ok(()) };
+        output.flush().map_err(|source| RecordError::Truth { path: self.path, source })
+    }
+}
