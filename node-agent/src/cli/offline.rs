@@ -17,7 +17,8 @@ use crate::config::{AgentConfig, TargetConfig};
 use crate::detect::DetectionConfig;
 use crate::imaging::wall::WallModel;
 use crate::offline::{
-    self, Job, LinesFile, LinesText, Options, PeriodSink, PointsTable, Processed,
+    self, Job, LinesFile, LinesText, Options, PeriodSink, PointsTable, Processed, WallFound,
+    WallSource,
 };
 use crate::pipeline::ChainConfig;
 use crate::recording::Recording;
@@ -43,6 +44,9 @@ pub(super) struct ProcessFlags {
     /// Relative permittivity of that wall.
     #[arg(long, value_name = "E", requires = "wall_thickness_m")]
     wall_permittivity: Option<f64>,
+    /// Estimate the wall from its own echoes in the recording, where they tell it.
+    #[arg(long, conflicts_with = "wall_thickness_m")]
+    estimate_wall: bool,
     /// What targets are like: extended people (the default), or points.
     #[arg(long, value_enum)]
     target: Option<TargetFlag>,
@@ -160,7 +164,8 @@ impl ProcessFlags {
         }
         chain.check().context("chain")?;
         let TargetConfig { half_depth_m, half_depth_sigma_m } = target;
-        Ok(Options { chain, half_depth_m, half_depth_sigma_m, images: self.images.clone() })
+        let wall = if self.estimate_wall { WallSource::Estimated } else { WallSource::Configured };
+        Ok(Options { chain, half_depth_m, half_depth_sigma_m, wall, images: self.images.clone() })
     }
 
     /// Settles what targets are like; how the paper detects does not depend on it.
@@ -241,25 +246,38 @@ impl ProcessFlags {
             let summary = serde_json::json!({ "recordings": done, "failed": failed });
             return process::print(&format!("{summary}\n"));
         }
-        let mut text = String::new();
-        for one in done {
-            let Processed { node, period_count, point_count, warming_up_count, .. } = one;
-            text.push_str(&format!("{node}: {point_count} points in {period_count} periods"));
-            if 0 < *warming_up_count {
-                text.push_str(&format!(", {warming_up_count} of them to learn the background"));
-            }
-            if one.own_background {
-                text.push_str(", with the recording's own background");
-            }
-            if one.times_assumed {
-                text.push_str("; no times in it, 0.1 s per period assumed");
-            }
-            text.push('\n');
+        let done = done.iter().map(|one| self.sentence(one));
+        let failed = failed.iter().map(|one| format!("failed: {}\n", one.error));
+        process::print(&done.chain(failed).collect::<String>())
+    }
+
+    /// What was done with one recording, in words.
+    fn sentence(&self, one: &Processed) -> String {
+        let Processed { node, period_count, point_count, warming_up_count, .. } = one;
+        let mut text = format!("{node}: {point_count} points in {period_count} periods");
+        if 0 < *warming_up_count {
+            text += &format!(", {warming_up_count} of them to learn the background");
         }
-        for one in failed {
-            text.push_str(&format!("failed: {}\n", one.error));
+        if one.own_background {
+            text += ", with the recording's own background";
         }
-        process::print(&text)
+        if one.times_assumed {
+            text += "; it states no times, 0.1 s per period assumed";
+        }
+        match &one.wall {
+            None if self.estimate_wall => text += "; no wall found",
+            None => {}
+            Some(wall) => {
+                let how = if wall.estimated { "estimated" } else { "assumed" };
+                let WallFound { thickness_m, permittivity, .. } = wall;
+                let (path_m, sigma_m) = (wall.excess_path_m, wall.excess_path_sigma_m);
+                text +=
+                    &format!("; wall {how}: {thickness_m:.3} m, permittivity {permittivity:.2}");
+                text += &format!(", excess path {path_m:.3} m, one sigma {sigma_m:.3} m");
+                text += &wall.why.as_ref().map_or(String::new(), |why| format!(" ({why})"));
+            }
+        }
+        text + "\n"
     }
 }
 

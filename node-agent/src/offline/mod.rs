@@ -4,7 +4,9 @@ mod pictures;
 mod process;
 mod record;
 mod sink;
+mod wall;
 
 pub use process::{Job, Options, ProcessError, Processed, process};
 pub use record::{RecordError, record};
 pub use sink::{LinesFile, LinesText, PeriodSink, PointsTable};
+pub use wall::{WallFound, WallSource};

@@ -12,6 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::pictures::Pictures;
 use super::sink::PeriodSink;
+use super::wall::{WallFound, WallSource, find_wall};
 use crate::imaging::canceller::CancellerConfig;
 use crate::lines::PointsLine;
 use crate::pipeline::{Chain, ChainConfig, ChainError, ChainState};
@@ -27,6 +28,8 @@ pub struct Options {
     pub half_depth_m: f64,
     /// Standard deviation of that.
     pub half_depth_sigma_m: f64,
+    /// Where the wall's numbers come from.
+    pub wall: WallSource,
     /// Folder for the images, if they are wanted.
     pub images: Option<PathBuf>,
 }
@@ -57,6 +60,8 @@ pub struct Processed {
     pub own_background: bool,
     /// Whether the times of the periods are assumed.
     pub times_assumed: bool,
+    /// What was found of the wall, where it was looked for.
+    pub wall: Option<WallFound>,
 }
 
 /// Why a recording was not processed to its end.
@@ -105,7 +110,11 @@ pub fn process(
 ) -> Result<Processed, ProcessError> {
     let mut recording = job.echoes.open()?;
     progress.set_length(recording.period_count());
-    let mut chain = chain_of(&recording, options, &job.echoes.path)?;
+    let wall = match options.wall {
+        WallSource::Configured => None,
+        WallSource::Estimated => find_wall(&mut recording, &job.echoes.path)?,
+    };
+    let mut chain = chain_of(&recording, options, wall.as_ref(), &job.echoes.path)?;
     let mut pictures = options.images.as_deref().map(Pictures::create).transpose();
     let mut run = Run {
         job,
@@ -120,6 +129,7 @@ pub fn process(
             point_count: 0,
             own_background: recording.header().background.is_some(),
             times_assumed: recording.times().are_assumed(),
+            wall,
         },
     };
     let outcome = run.through(&mut recording, sink, progress, stop);
@@ -131,11 +141,19 @@ pub fn process(
 }
 
 /// The chain for the radar of `recording`.
-fn chain_of(recording: &Recording, options: &Options, path: &Path) -> Result<Chain, ProcessError> {
+fn chain_of(
+    recording: &Recording,
+    options: &Options,
+    wall: Option<&WallFound>,
+    path: &Path,
+) -> Result<Chain, ProcessError> {
     let refused = |source| ProcessError::Chain { path: path.to_owned(), source };
     let header = recording.header();
     let mut config =
         ChainConfig { band: header.band, array: header.array.clone(), ..options.chain.clone() };
+    if let Some(wall) = wall {
+        config.wall = wall.model();
+    }
     if header.background.is_some() && config.canceller != CancellerConfig::None {
         config.canceller = CancellerConfig::Background;
     }

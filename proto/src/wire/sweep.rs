@@ -142,8 +142,8 @@ impl RawSweep {
         if stated.checked_mul(SAMPLE_BYTES as u64) != Some(got as u64) {
             return Err(SweepRefusal::Length { tx_count, rx_count, step_count, got });
         }
-        let sample = |bytes: &[u8; SAMPLE_BYTES]| {
-            let half = |at| f32::from_le_bytes(part(bytes, at));
+        let sample = |pair: &[u8; SAMPLE_BYTES]| {
+            let half = |at| f32::from_le_bytes(part(pair, at));
             Complex::new(half(0), half(4))
         };
         Ok(Self {

@@ -79,8 +79,8 @@ fn what_is_recorded_is_measured_where_it_truly_is() {
     let (npz, sigmf) = (process("echoes.npz"), process("echoes.sigmf-meta"));
     assert_eq!(npz.len(), 12);
     assert_eq!(places(&npz), places(&sigmf), "the formats differ");
-    let truth = std::fs::read_to_string(folder.path().join("echoes.truth.jsonl")).unwrap();
-    for (line, truth) in npz.iter().zip(lines(&truth)) {
+    let truth_text = std::fs::read_to_string(folder.path().join("echoes.truth.jsonl")).unwrap();
+    for (line, truth) in npz.iter().zip(lines(&truth_text)) {
         let points = places(std::slice::from_ref(line)).remove(0);
         assert_eq!(points.len(), 2, "{line}");
         for target in truth["targets"].as_array().unwrap() {
