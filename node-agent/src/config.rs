@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::group::GroupConfig;
+use crate::imaging::canceller::CancellerConfig;
 use crate::pipeline::ChainConfig;
 use crate::simulate::Radar;
 use crate::source::{
@@ -239,11 +240,15 @@ impl AgentConfig {
                 let header = echoes.recording().header();
                 self.chain.band = header.band;
                 self.chain.array = header.array.clone();
+                self.chain.fit_length();
                 background = echoes.background();
                 Box::new(echoes)
             }
             SourceKind::Live => return Err(SourceError::Live),
         };
+        if background.is_none() && self.chain.canceller == CancellerConfig::Background {
+            return Err(SourceError::NoBackground);
+        }
         Ok(Opened { config: self, source, background })
     }
 }

@@ -26,6 +26,11 @@ use crate::imaging::{InvalidSetting, Sweep, invalid};
 /// Longest profile, so that a typing error cannot ask for all memory.
 const MAX_FFT_LENGTH: usize = 1 << 18;
 
+/// Samples of a profile for each frequency, at least.
+const MIN_OVERSAMPLING: usize = 4;
+/// Larger samples would overflow single precision in the energy of an image.
+const MAX_AMPLITUDE: f32 = 1e9;
+
 /// On which pixels targets are looked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -131,6 +136,13 @@ impl ChainConfig {
         Ok(())
     }
 
+    /// Lengthens the profiles where the band has so many frequencies that they would be coarse.
+    pub fn fit_length(&mut self) {
+        if self.fft_length < MIN_OVERSAMPLING * self.band.step_count {
+            self.fft_length = (MIN_OVERSAMPLING * self.band.step_count).next_power_of_two();
+        }
+    }
+
     fn means(&self) -> Means {
         let Self { coherence, thread_count, .. } = *self;
         Means { coherence, thread_count, ..Means::default() }
@@ -161,9 +173,9 @@ pub enum ChainError {
         /// Channels times frequencies.
         want: usize,
     },
-    /// A sample is no number.
+    /// A sample is no number, or beyond what can be computed with.
     #[error(
-        "taking the sweep at {time_s} s: channel {channel}, frequency {frequency} is not finite"
+        "taking the sweep at {time_s} s: channel {channel}, frequency {frequency} is not finite or above 1e9: scale the samples"
     )]
     NotFinite {
         /// When the sweep was taken.
@@ -359,7 +371,8 @@ impl Chain {
         if got != want {
             return Err(ChainError::SampleCount { time_s, got, want });
         }
-        match samples.iter().position(|sample| !sample.is_finite()) {
+        let is_good = |sample: &Complex<f32>| sample.norm_sqr() <= MAX_AMPLITUDE * MAX_AMPLITUDE;
+        match samples.iter().position(|sample| !is_good(sample)) {
             None => Ok(()),
             Some(index) => Err(ChainError::NotFinite {
                 time_s,

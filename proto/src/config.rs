@@ -103,6 +103,10 @@ fn changed<T: Serialize + DeserializeOwned>(config: &T, setting: &str) -> Result
     let mut table = &mut root;
     for parent in parents.iter().flat_map(|parents| parents.split('.')) {
         let inner = table.entry(parent).or_insert_with(|| toml::Table::new().into());
+        // A choice without settings of its own, such as wall = "none", gives way to one with.
+        if inner.is_str() {
+            *inner = toml::Table::new().into();
+        }
         table = inner.as_table_mut().ok_or_else(|| format!("{parent} is not a table"))?;
     }
     table.insert(key.to_owned(), value);

@@ -52,7 +52,7 @@ pub fn main<A: HasFlags>(
     match try_main(parsed, body) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            drop(writeln!(std::io::stderr(), "error: {error:#}"));
+            drop(writeln!(std::io::stderr(), "error: {}", explained(&error)));
             ExitCode::FAILURE
         }
     }
@@ -145,7 +145,24 @@ fn end_after_limit() {
 /// If it cannot be written, for example because a pipe was closed.
 pub fn print(text: &str) -> anyhow::Result<()> {
     let mut output = std::io::stdout().lock();
-    output.write_all(text.as_bytes()).and_then(|()| output.flush()).context("writing the output")
+    match output.write_all(text.as_bytes()).and_then(|()| output.flush()) {
+        // Whoever reads has seen enough.
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        written => written.context("writing the output"),
+    }
+}
+
+/// An error with its causes, each said once: many errors say their cause themselves.
+#[must_use]
+pub fn explained(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if !text.contains(&cause) {
+            let gap = if text.is_empty() { "" } else { ": " };
+            text = format!("{text}{gap}{cause}");
+        }
+    }
+    text
 }
 
 impl Flags {
@@ -153,5 +170,17 @@ impl Flags {
     #[must_use]
     pub fn log_filter(&self) -> &str {
         &self.log
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn causes_are_said_once() {
+        let inner = std::io::Error::other("no disk");
+        let outer = anyhow::Error::new(inner).context("writing x: no disk").context("saving");
+        assert_eq!(explained(&outer), "saving: writing x: no disk");
     }
 }

@@ -94,8 +94,9 @@ struct Flags {
     /// Write the newest image as PNG.
     #[arg(long, value_name = "FILE")]
     image: Option<PathBuf>,
-    /// Set any key: KEY=VALUE with the key's path in the file, such as
-    /// chain.detection.min_coherence=0.3; may be repeated.
+    /// Set any key: KEY=VALUE with the key's path in the file, such as chain.grid.pixel_m=0.05, or
+    /// 'chain.canceller={exponential={time_constant_s=2.0}}' to choose another table; may be
+    /// repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
 }

@@ -17,8 +17,8 @@ use crate::config::{AgentConfig, TargetConfig};
 use crate::detect::DetectionConfig;
 use crate::imaging::wall::WallModel;
 use crate::offline::{
-    self, Job, LinesFile, LinesText, Options, PeriodSink, PointsTable, Processed, WallFound,
-    WallSource,
+    self, Job, LinesFile, LinesOutput, LinesText, Options, PeriodSink, PointsTable, Processed,
+    WallFound, WallSource,
 };
 use crate::pipeline::ChainConfig;
 use crate::recording::Recording;
@@ -35,7 +35,9 @@ pub(super) struct ProcessFlags {
     /// Take [chain] and [target] from an agent's configuration file instead.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Set any key of [chain] and [target], such as chain.canceller=none; may be repeated.
+    /// Set any key of [chain] and [target], such as chain.canceller=none or
+    /// 'chain.canceller={exponential={time_constant_s=2.0}}'; band and array are the recording's; may
+    /// be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<String>,
     /// Thickness of the wall before the array.
@@ -108,18 +110,16 @@ pub(super) fn process(flags: &ProcessFlags, stop: &CancellationToken) -> anyhow:
     let options = flags.options()?;
     let jobs = flags.jobs()?;
     let bars = bars();
-    let outcomes: Vec<anyhow::Result<Outcome>> =
-        jobs.par_iter().map(|job| flags.run(job, &options, &bars.add(bar()), stop)).collect();
+    let run = |job: &Job| flags.run(job, &options, &bars.add(bar()), stop);
+    let outcomes: Vec<Outcome> = jobs.par_iter().map(run).collect();
     let mut done = Vec::new();
     let mut failed = Vec::new();
-    for (job, outcome) in jobs.iter().zip(outcomes) {
-        match outcome {
-            Ok(Outcome { text, processed }) => {
-                process::print(&text)?;
-                done.push(processed);
-            }
-            Err(error) => failed
-                .push(Failed { recording: job.echoes.path.clone(), error: format!("{error:#}") }),
+    for (job, Outcome { text, result }) in jobs.iter().zip(outcomes) {
+        process::print(&text)?;
+        let recording = job.echoes.path.clone();
+        match result {
+            Ok(processed) => done.push(processed),
+            Err(error) => failed.push(Failed { recording, error: process::explained(&error) }),
         }
     }
     flags.print_summary(&done, &failed)?;
@@ -129,9 +129,9 @@ pub(super) fn process(flags: &ProcessFlags, stop: &CancellationToken) -> anyhow:
 
 /// What one recording gave.
 struct Outcome {
-    /// For standard output.
+    /// For standard output, also of a recording that broke off.
     text: String,
-    processed: Processed,
+    result: anyhow::Result<Processed>,
 }
 
 /// A recording that was not processed to its end.
@@ -187,18 +187,35 @@ impl ProcessFlags {
     fn jobs(&self) -> anyhow::Result<Vec<Job>> {
         let several = 1 < self.recordings.len();
         ensure!(!several || self.node.is_none(), "--node names one node: give one recording");
+        let is_file = |out: &PathBuf| out.extension().is_some_and(|ending| ending == "jsonl");
+        ensure!(
+            !several || !self.out.as_ref().is_some_and(is_file),
+            "--out names a file: with several recordings name a folder"
+        );
         let mut jobs: Vec<Job> = Vec::new();
         for path in &self.recordings {
-            let node = self.node.clone().map_or_else(|| node_of(path), Ok)?;
-            if let Some(other) = jobs.iter().find(|job| job.node == node) {
-                let (a, b) = (path.display(), other.echoes.path.display());
-                bail!("{a} and {b} are both of node {node}: rename one of them");
-            }
+            self.check_not_input(path)?;
+            let is_free = |node: &NodeId| jobs.iter().all(|job| job.node != *node);
+            let names = [self.node.clone(), own_name(path), file_name(path)];
+            let node = names.into_iter().flatten().find(is_free);
+            let node = node.map_or_else(|| format!("node-{}", jobs.len() + 1).parse(), Ok)?;
             let (conjugate, period_count) = (self.conjugate, self.periods);
             let echoes = EchoesConfig { path: path.clone(), conjugate, period_count };
             jobs.push(Job { echoes, node });
         }
         Ok(jobs)
+    }
+
+    /// Refuses to write over a recording.
+    fn check_not_input(&self, recording: &Path) -> anyhow::Result<()> {
+        let Some(out) = &self.out else { return Ok(()) };
+        let same = out.canonicalize().ok().zip(recording.canonicalize().ok());
+        ensure!(
+            same.is_none_or(|(a, b)| a != b),
+            "--out {} is a recording to be read: name another file",
+            out.display()
+        );
+        Ok(())
     }
 
     fn run(
@@ -207,23 +224,32 @@ impl ProcessFlags {
         options: &Options,
         bar: &ProgressBar,
         stop: &CancellationToken,
-    ) -> anyhow::Result<Outcome> {
+    ) -> Outcome {
         bar.set_prefix(job.node.to_string());
-        let run = |sink: &mut dyn PeriodSink| offline::process(job, options, sink, bar, stop);
-        if let Some(out) = self.out_of(job)? {
-            let mut file = LinesFile::create(&out)
-                .with_context(|| format!("creating --out {}", out.display()))?;
-            let processed = run(&mut file)?;
-            return Ok(Outcome { text: String::new(), processed });
+        let run = |sink: &mut dyn PeriodSink| {
+            offline::process(job, options, sink, bar, stop).map_err(anyhow::Error::from)
+        };
+        let out = match self.out_of(job) {
+            Ok(out) => out,
+            Err(error) => return Outcome { text: String::new(), result: Err(error) },
+        };
+        if let Some(out) = out {
+            let file = LinesFile::create(&out);
+            let file = file.with_context(|| format!("creating --out {}", out.display()));
+            let result = file.and_then(|mut file| run(&mut file));
+            return Outcome { text: String::new(), result };
+        }
+        if self.json && self.recordings.len() == 1 {
+            return Outcome { text: String::new(), result: run(&mut LinesOutput) };
         }
         if self.json {
             let mut lines = LinesText::default();
-            let processed = run(&mut lines)?;
-            return Ok(Outcome { text: String::from_utf8(lines.text)?, processed });
+            let result = run(&mut lines);
+            return Outcome { text: String::from_utf8_lossy(&lines.text).into_owned(), result };
         }
         let mut table = PointsTable::default();
-        let processed = run(&mut table)?;
-        Ok(Outcome { text: table.text, processed })
+        let result = run(&mut table);
+        Outcome { text: table.text, result }
     }
 
     /// Where the lines of a recording go.
@@ -257,6 +283,9 @@ impl ProcessFlags {
         let mut text = format!("{node}: {point_count} points in {period_count} periods");
         if 0 < *warming_up_count {
             text += &format!(", {warming_up_count} of them to learn the background");
+        }
+        if warming_up_count == period_count {
+            text += ": give the recording a background array, or set chain.canceller=none";
         }
         if one.own_background {
             text += ", with the recording's own background";
@@ -294,19 +323,18 @@ impl Preset {
     }
 }
 
-/// The name of the node that made a recording: its own word, else made of the file's name.
-fn node_of(path: &Path) -> anyhow::Result<NodeId> {
-    // A recording that cannot be opened is named when it is processed; the others go on.
-    let own = Recording::open(path).ok().and_then(|recording| recording.header().node.clone());
-    if let Some(node) = own.and_then(|name| name.parse().ok()) {
-        return Ok(node);
-    }
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
+/// The name that a recording has for its node. A recording that cannot be opened is named when it is
+/// processed; the others go on.
+fn own_name(path: &Path) -> Option<NodeId> {
+    Recording::open(path).ok()?.header().node.clone()?.parse().ok()
+}
+
+/// A node's name made of a file's.
+fn file_name(path: &Path) -> Option<NodeId> {
+    let stem = path.file_stem()?.to_string_lossy().to_lowercase();
     let name: String =
         stem.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(32).collect();
-    name.trim_matches('-')
-        .parse()
-        .with_context(|| format!("{}: no name for a node: use --node", path.display()))
+    name.trim_matches('-').parse().ok()
 }
 
 fn bars() -> MultiProgress {

@@ -27,6 +27,8 @@ const MIN_BACKGROUND_SWEEPS: usize = 3;
 const MIN_BACKGROUND_S: f64 = 0.5;
 /// A pause this many times the usual time between sweeps is a gap: a slow radar has none.
 const GAP_INTERVALS: f64 = 8.0;
+/// After this many sweeps in a row that are not of the known scene, it is another scene.
+const NEW_SCENE_SWEEPS: usize = 3;
 /// Share of the newest interval in the usual one.
 const INTERVAL_SHARE: f64 = 0.1;
 
@@ -46,9 +48,11 @@ pub enum CancellerConfig {
     /// Difference from a slow background that learns only where a fast one finds nothing moving;
     /// points at places where nothing moves are left out.
     SlowFast {
-        /// How long the fast background remembers, seconds: about 1.
+        /// How long the fast background remembers, seconds.
+        #[serde(default = "default_fast_s")]
         fast_s: f64,
-        /// How long the slow background remembers, seconds: about 10.
+        /// How long the slow background remembers, seconds.
+        #[serde(default = "default_slow_s")]
         slow_s: f64,
     },
     /// Difference from the background that comes with a recording; it never learns.
@@ -59,8 +63,16 @@ impl Default for CancellerConfig {
     /// `slow_fast` with 1 and 10 s: the only one that loses nothing of a walker, keeps one who
     /// stands, and leaves nothing behind.
     fn default() -> Self {
-        Self::SlowFast { fast_s: 1.0, slow_s: 10.0 }
+        Self::SlowFast { fast_s: default_fast_s(), slow_s: default_slow_s() }
     }
+}
+
+fn default_fast_s() -> f64 {
+    1.0
+}
+
+fn default_slow_s() -> f64 {
+    10.0
 }
 
 impl CancellerConfig {
@@ -124,6 +136,8 @@ pub struct Canceller {
     /// Of the two-pulse, exponential and given background.
     background: Vec<Complex<f32>>,
     slow_fast: Option<SlowFast>,
+    /// Sweeps in a row that were not of the known scene.
+    outlier_count: usize,
     moving: Profiles,
 }
 
@@ -153,6 +167,7 @@ impl Canceller {
             clock: Clock::default(),
             background: Vec::new(),
             slow_fast,
+            outlier_count: 0,
             moving: Profiles { sample_count: 0, sample_rate_hz: 0.0, samples: Vec::new() },
         }
     }
@@ -187,6 +202,10 @@ impl Canceller {
         if self.clock.is_gap(elapsed_s) && self.config.memory_s() < elapsed_s {
             self.forget();
         }
+        if self.is_passing_outlier(profiles) {
+            self.clock.last_s = Some(time_s);
+            return Cancelled::WarmingUp;
+        }
         let known = self.background_is_known(time_s);
         if self.config != CancellerConfig::None {
             self.keep(profiles);
@@ -203,6 +222,26 @@ impl Canceller {
             (true, CancellerConfig::None) => Cancelled::Moving(profiles),
             (true, _) => Cancelled::Moving(&self.moving),
         }
+    }
+
+    /// Whether the sweep is not of the known scene; one too many of these begins a new scene.
+    fn is_passing_outlier(&mut self, profiles: &Profiles) -> bool {
+        if self.slow_fast.is_none() {
+            return false;
+        }
+        self.keep(profiles);
+        let Some(slow_fast) = &self.slow_fast else { return false };
+        if !slow_fast.is_outlier(&self.moving) {
+            self.outlier_count = 0;
+            return false;
+        }
+        self.outlier_count += 1;
+        if self.outlier_count < NEW_SCENE_SWEEPS {
+            return true;
+        }
+        self.outlier_count = 0;
+        self.forget();
+        false
     }
 
     fn forget(&mut self) {

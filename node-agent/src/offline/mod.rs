@@ -8,5 +8,5 @@ mod wall;
 
 pub use process::{Job, Options, ProcessError, Processed, process};
 pub use record::{RecordError, record};
-pub use sink::{LinesFile, LinesText, PeriodSink, PointsTable};
+pub use sink::{LinesFile, LinesOutput, LinesText, PeriodSink, PointsTable};
 pub use wall::{WallFound, WallSource};

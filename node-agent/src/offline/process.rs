@@ -71,20 +71,28 @@ pub enum ProcessError {
     #[error(transparent)]
     Recording(#[from] RecordingError),
     /// The chain does not take it.
-    #[error("recording {path:?}: {source}")]
+    #[error("recording {path:?}: {reason}")]
     Chain {
         /// The file.
         path: PathBuf,
         /// What the chain says.
-        source: ChainError,
+        reason: ChainError,
+    },
+    /// A background is wanted that is not there.
+    #[error(
+        "recording {path:?}: chain.canceller is background, but there is no array of this name in it; add it, or use another canceller"
+    )]
+    NoBackground {
+        /// The file.
+        path: PathBuf,
     },
     /// A result cannot be written.
-    #[error("writing {what}: {source}")]
+    #[error("writing {what}: {reason}")]
     Write {
         /// What was to be written.
         what: String,
         /// What the system says.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The user did not wait.
     #[error("stopped after {period_count} periods of {path:?}")]
@@ -133,10 +141,12 @@ pub fn process(
         },
     };
     let outcome = run.through(&mut recording, sink, progress, stop);
-    let finished = run.finish(sink);
+    let finished = run.finish();
     progress.finish_and_clear();
+    let sealed = if outcome.is_ok() { sink.finish() } else { sink.abandon() };
     outcome?;
     finished?;
+    sealed.map_err(|error| writing("points", &error))?;
     Ok(run.done)
 }
 
@@ -147,12 +157,16 @@ fn chain_of(
     wall: Option<&WallFound>,
     path: &Path,
 ) -> Result<Chain, ProcessError> {
-    let refused = |source| ProcessError::Chain { path: path.to_owned(), source };
+    let refused = |reason| ProcessError::Chain { path: path.to_owned(), reason };
     let header = recording.header();
     let mut config =
         ChainConfig { band: header.band, array: header.array.clone(), ..options.chain.clone() };
     if let Some(wall) = wall {
         config.wall = wall.model();
+    }
+    config.fit_length();
+    if header.background.is_none() && config.canceller == CancellerConfig::Background {
+        return Err(ProcessError::NoBackground { path: path.to_owned() });
     }
     if header.background.is_some() && config.canceller != CancellerConfig::None {
         config.canceller = CancellerConfig::Background;
@@ -165,8 +179,8 @@ fn chain_of(
 }
 
 fn writing(what: &str, error: &io::Error) -> ProcessError {
-    let source = io::Error::new(error.kind(), error.to_string());
-    ProcessError::Write { what: what.to_owned(), source }
+    let reason = io::Error::new(error.kind(), error.to_string());
+    ProcessError::Write { what: what.to_owned(), reason }
 }
 
 /// A recording on its way through the chain.
@@ -204,7 +218,7 @@ impl Run<'_> {
         sweep: &crate::imaging::Sweep,
         sink: &mut dyn PeriodSink,
     ) -> Result<(), ProcessError> {
-        let refused = |source| ProcessError::Chain { path: self.job.echoes.path.clone(), source };
+        let refused = |reason| ProcessError::Chain { path: self.job.echoes.path.clone(), reason };
         let measured = self.chain.process_sweep(sweep).map_err(refused)?;
         let period = self.done.period_count;
         self.done.period_count += 1;
@@ -233,10 +247,8 @@ impl Run<'_> {
         written.map_err(|error| writing("images", &error))
     }
 
-    fn finish(&mut self, sink: &mut dyn PeriodSink) -> Result<(), ProcessError> {
-        if let Some(pictures) = &mut self.pictures {
-            pictures.finish().map_err(|error| writing("images", &error))?;
-        }
-        sink.finish().map_err(|error| writing("points", &error))
+    fn finish(&mut self) -> Result<(), ProcessError> {
+        let written = self.pictures.as_mut().map_or(Ok(()), |pictures| pictures.finish());
+        written.map_err(|error| writing("images", &error))
     }
 }

@@ -1,12 +1,12 @@
 //! The sweeps of a source into a recording, with the truth beside them where the source knows it.
 
-use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
 use proto::geom::Point;
 use serde::Serialize;
+use tempfile::NamedTempFile;
 use thiserror::Error;
 use tokio_util::sync::CancellationToken;
 
@@ -31,12 +31,12 @@ pub enum RecordError {
     #[error("the source has no end: say how many periods with --periods")]
     NoEnd,
     /// The truth cannot be written.
-    #[error("writing the truth {path:?}: {source}")]
+    #[error("writing the truth {path:?}: {reason}")]
     Truth {
         /// The file.
         path: PathBuf,
         /// What the system says.
-        source: io::Error,
+        reason: io::Error,
     },
 }
 
@@ -144,10 +144,10 @@ impl TruthLine {
     }
 }
 
-/// The file of the truth, made when the first line comes.
+/// The file of the truth, made when the first line comes; it has its name when it is whole.
 struct TruthFile {
     path: PathBuf,
-    output: Option<BufWriter<File>>,
+    output: Option<BufWriter<NamedTempFile>>,
 }
 
 impl TruthFile {
@@ -157,20 +157,27 @@ impl TruthFile {
 
     fn take(&mut self, line: &TruthLine) -> Result<(), RecordError> {
         let written = self.try_take(line);
-        written.map_err(|source| RecordError::Truth { path: self.path.clone(), source })
+        written.map_err(|reason| RecordError::Truth { path: self.path.clone(), reason })
     }
 
     fn try_take(&mut self, line: &TruthLine) -> io::Result<()> {
         let output = match &mut self.output {
             Some(output) => output,
-            none => none.insert(BufWriter::new(File::create(&self.path)?)),
+            none => {
+                let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
+                let file = NamedTempFile::new_in(folder.unwrap_or(Path::new(".")))?;
+                none.insert(BufWriter::new(file))
+            }
         };
         serde_json::to_writer(&mut *output, line)?;
         output.write_all(b"\n")
     }
 
-    fn finish(mut self) -> Result<(), RecordError> {
-        let Some(output) = &mut self.output else { return Ok(()) };
-        output.flush().map_err(|source| RecordError::Truth { path: self.path, source })
+    fn finish(self) -> Result<(), RecordError> {
+        let Self { path, output } = self;
+        let Some(output) = output else { return Ok(()) };
+        let file = output.into_inner().map_err(io::IntoInnerError::into_error);
+        let kept = file.and_then(|file| Ok(file.persist(&path).map(drop)?));
+        kept.map_err(|reason| RecordError::Truth { path, reason })
     }
 }

@@ -22,15 +22,24 @@ pub trait PeriodSink {
     fn finish(&mut self) -> io::Result<()> {
         Ok(())
     }
+
+    /// Keeps what was taken, as a part of what it should have become.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    fn abandon(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
-/// A file of JSON Lines. It has its name only when it is whole, or when its recording broke off:
-/// then it holds what came before.
+/// A file of JSON Lines: `NAME.part` until it is whole. What is no regular file, `/dev/null` for
+/// example, is written as it is.
 #[derive(Debug)]
 pub struct LinesFile {
     output: BufWriter<File>,
     part: PathBuf,
     path: PathBuf,
+    is_empty: bool,
 }
 
 impl LinesFile {
@@ -39,22 +48,52 @@ impl LinesFile {
     /// # Errors
     /// If it cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let mut name = path.as_os_str().to_owned();
-        name.push(".part");
-        let part = PathBuf::from(name);
+        let is_special = std::fs::metadata(path).is_ok_and(|about| !about.is_file());
+        let part = if is_special {
+            path.to_owned()
+        } else {
+            let mut name = path.as_os_str().to_owned();
+            name.push(".part");
+            PathBuf::from(name)
+        };
         let output = BufWriter::new(File::create(&part)?);
-        Ok(Self { output, part, path: path.to_owned() })
+        Ok(Self { output, part, path: path.to_owned(), is_empty: true })
     }
 }
 
 impl PeriodSink for LinesFile {
     fn take(&mut self, line: &PointsLine<'_>) -> io::Result<()> {
+        self.is_empty = false;
         line.write(&mut self.output)
     }
 
     fn finish(&mut self) -> io::Result<()> {
         self.output.flush()?;
+        if self.part == self.path {
+            return Ok(());
+        }
         std::fs::rename(&self.part, &self.path)
+    }
+
+    fn abandon(&mut self) -> io::Result<()> {
+        self.output.flush()?;
+        if self.is_empty && self.part != self.path {
+            std::fs::remove_file(&self.part)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// JSON Lines to standard output as they arise.
+#[derive(Debug, Default)]
+pub struct LinesOutput;
+
+impl PeriodSink for LinesOutput {
+    fn take(&mut self, line: &PointsLine<'_>) -> io::Result<()> {
+        let mut output = io::stdout().lock();
+        line.write(&mut output)?;
+        output.flush()
     }
 }
 

@@ -105,7 +105,7 @@ pub(super) fn find_wall(
         None => mean_sweep(recording)?,
     };
     let header = recording.header();
-    let refused = |source| ProcessError::Chain { path: path.to_owned(), source };
+    let refused = |reason| ProcessError::Chain { path: path.to_owned(), reason };
     let estimator = WallEstimator::new(&header.band, &header.array, &WallSearch::default())
         .map_err(|error| refused(ChainError::Setting(error)))?;
     // A recording's samples are finite and as many as its header says.

@@ -11,7 +11,7 @@ use proto::refusals::Refusals;
 use proto::time::NodeTime;
 use proto::wire::RawSweep;
 use tokio::sync::mpsc;
-use tracing::info;
+use tracing::{info, warn};
 
 use super::clock::Clock;
 use crate::config::AgentConfig;
@@ -19,6 +19,9 @@ use crate::imaging::Sweep;
 
 /// Sweeps that may wait to be measured; a chain that is slower than its radar loses the newest.
 const WAITING_COUNT: usize = 64;
+
+/// So many sweeps can be lost; more are not believed.
+const MAX_GAP: u64 = 100_000;
 
 /// A sweep with its place in time.
 pub(super) struct LiveSweep {
@@ -94,7 +97,12 @@ impl Live {
         let arrived = self.clock.of_instant(delivery.arrived);
         let taken = self.driver.node_time(raw.taken_ns, arrived);
         let expected = self.last_sequence.map(|last| last.saturating_add(1));
-        let lost_count = expected.map_or(0, |expected| raw.sequence.saturating_sub(expected));
+        let gap = expected.map_or(0, |expected| raw.sequence.saturating_sub(expected));
+        // A greater leap is a driver that counts anew.
+        let lost_count = if gap < MAX_GAP { gap } else { 0 };
+        if 0 < lost_count {
+            warn!(lost_count, sequence = raw.sequence, "sweeps were lost on the way");
+        }
         self.last_sequence = Some(raw.sequence);
         let sweep = Sweep { time_s: taken.0 as f64 * 1e-9, samples: raw.samples };
         Ok(Some(LiveSweep { sweep, taken, lost_count }))

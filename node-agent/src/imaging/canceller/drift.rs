@@ -16,6 +16,88 @@ const PRIOR_SIGMA: f64 = 5e-4;
 /// Every how many samples one is taken: profiles are oversampled by more.
 const STRIDE: usize = 3;
 
+/// A step of the gain is farther from 1 than this; less is drift.
+const MIN_STEP: f64 = 0.2;
+/// Share of the power that a step may leave unexplained: targets, and noise.
+const MAX_UNEXPLAINED: f64 = 0.1;
+/// Steps beyond this, or its inverse, leave nothing to go on with.
+const MAX_STEP: f64 = 1e6;
+
+/// Echoes beside the strongest one must stand out of the noise by this much to bear witness.
+const MIN_WITNESS_RATIO: f64 = 100.0;
+/// ... and hold this share of the background's power: more than the sidelobes of the strongest.
+const MIN_WITNESS_SHARE: f64 = 0.01;
+/// Witnesses are this far from the strongest echo, in resolution cells: beyond its main lobe.
+const WITNESS_CELLS: f64 = 4.0;
+
+/// What noise and sampling do to profiles.
+#[derive(Clone, Copy, Debug)]
+pub struct Grain {
+    /// Noise power of a sample.
+    pub noise_power: f64,
+    /// Samples in a resolution cell.
+    pub per_cell: f64,
+}
+
+/// The factor `g` by which all echoes of a channel changed at once, `x ≈ g f` for the background
+/// `f`, if that explains the sweep and is no drift.
+///
+/// One target that moves turns the phase of its echo, too: so the echoes away from the strongest one
+/// must say the same.
+#[must_use]
+pub fn step(
+    samples: &[Complex<f32>],
+    background: &[Complex<f32>],
+    grain: &Grain,
+) -> Option<Complex<f64>> {
+    let all = Scaling::of(samples.iter().zip(background));
+    let factor = all.factor();
+    let is_far = MIN_STEP < (factor - 1.0).norm();
+    if !is_far || !(MAX_STEP.recip()..MAX_STEP).contains(&factor.norm()) || !all.is_explained() {
+        return None;
+    }
+    let strength = |n: &usize| background[*n].norm_sqr();
+    let strongest = (0..background.len()).max_by(|a, b| strength(a).total_cmp(&strength(b)))?;
+    let away = |n: usize| WITNESS_CELLS * grain.per_cell < n.abs_diff(strongest) as f64;
+    let pairs = samples.iter().zip(background).enumerate();
+    let witness = Scaling::of(pairs.filter(|(n, _)| away(*n)).map(|(_, pair)| pair));
+    let agrees = (witness.factor() - factor).norm() < MIN_STEP * factor.norm();
+    let least =
+        (MIN_WITNESS_RATIO * grain.noise_power * witness.count).max(MIN_WITNESS_SHARE * all.known);
+    let speaks = least < witness.known && witness.is_explained();
+    (agrees && speaks).then_some(factor)
+}
+
+/// How well `x ≈ g f`.
+struct Scaling {
+    product: Complex<f64>,
+    known: f64,
+    power: f64,
+    count: f64,
+}
+
+impl Scaling {
+    fn of<'a>(pairs: impl Iterator<Item = (&'a Complex<f32>, &'a Complex<f32>)>) -> Self {
+        let double = |z: &Complex<f32>| Complex::new(f64::from(z.re), f64::from(z.im));
+        let none = Self { product: Complex::new(0.0, 0.0), known: 0.0, power: 0.0, count: 0.0 };
+        pairs.step_by(STRIDE).fold(none, |sum, (x, b)| Self {
+            product: sum.product + double(b).conj() * double(x),
+            known: sum.known + double(b).norm_sqr(),
+            power: sum.power + double(x).norm_sqr(),
+            count: sum.count + 1.0,
+        })
+    }
+
+    fn factor(&self) -> Complex<f64> {
+        self.product / self.known
+    }
+
+    fn is_explained(&self) -> bool {
+        // What the projection leaves of the power.
+        self.power - self.product.norm_sqr() / self.known < MAX_UNEXPLAINED * self.power
+    }
+}
+
 /// The backgrounds of one channel.
 #[derive(Clone, Copy, Debug)]
 pub struct Backgrounds<'a> {
@@ -51,6 +133,8 @@ pub fn gain_change(samples: &[Complex<f32>], known: &Backgrounds<'_>, doubt: f64
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const GRAIN: Grain = Grain { noise_power: 1e-4, per_cell: 6.8 };
 
     fn echoes(amplitude: f32) -> Vec<Complex<f32>> {
         (0..300)
@@ -94,6 +178,33 @@ mod tests {
         assert!(1e-3 < seen && change(&now, &slow, &live_weight).norm() < 1e-3 * seen);
         let backgrounds = Backgrounds { slow: &slow, fast: &now, live_weight: &live_weight };
         assert!(gain_change(&now, &backgrounds, doubt(1e-4, 6.8)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_step_is_told_from_drift_and_from_a_target() {
+        let before = echoes(10.0);
+        let turned = |factor: Complex<f32>| -> Vec<Complex<f32>> {
+            before.iter().map(|b| b * factor).collect()
+        };
+        for factor in [Complex::cis(1.0_f32), Complex::new(-1.0, 0.0), Complex::new(1e4, 0.0)] {
+            let got = step(&turned(factor), &before, &GRAIN).unwrap();
+            let want = Complex::new(f64::from(factor.re), f64::from(factor.im));
+            assert!((got - want).norm() < 1e-4 * want.norm(), "{got}");
+        }
+        assert_eq!(step(&turned(Complex::new(1.01, 0.01)), &before, &GRAIN), None);
+        assert_eq!(step(&turned(Complex::new(0.0, 0.0)), &before, &GRAIN), None);
+        let mut with_target = before.clone();
+        for x in &mut with_target[100..120] {
+            *x += Complex::new(80.0, 0.0);
+        }
+        assert_eq!(step(&with_target, &before, &GRAIN), None);
+        // One target and nothing else, half a radian on.
+        let lobe = |phase: f32| -> Vec<Complex<f32>> {
+            (0..300)
+                .map(|n| Complex::from_polar((-(n as f32 - 150.0).powi(2) / 50.0).exp(), phase))
+                .collect()
+        };
+        assert_eq!(step(&lobe(0.5), &lobe(0.0), &GRAIN), None);
     }
 
     #[test]

@@ -13,7 +13,11 @@
 //! A person who walks, or stands and breathes, keeps his gates live, so that the slow background
 //! under him remains that of the empty room: he loses nothing, leaves no trail, and no negative
 //! image remains where he stood. A person already there at the start is in the background
-//! until he leaves; one who does not even breathe is taken in with `T_slow`.
+//! until he leaves: what a gate learned before it became live for the first time is then forgotten,
+//! so that it learns afresh at once. One who does not even breathe is taken in with `T_slow`.
+//!
+//! A step of a channel's gain or phase (`x ≈ g f` over all gates) scales its backgrounds; a sweep
+//! whose power is far off, and that no step explains, teaches nothing.
 
 use rustfft::num_complex::Complex;
 
@@ -29,6 +33,11 @@ use crate::imaging::single;
 const LIVE_ACTIVITY: f32 = 1.3;
 /// What one sweep can add to the activity: more would keep a gate live long after its walker.
 const MAX_ACTIVITY: f32 = 3.0;
+/// What a gate learned in less than this many times the shortest background, before it became live,
+/// may have been the one who makes it live.
+const PROVISIONAL_TIMES: f64 = 2.0;
+/// A sweep this many times stronger or weaker than what is known is no sweep of this scene.
+const OUTLIER_POWER_RATIO: f64 = 1000.0;
 /// Time over which activity is averaged, in `T_fast`.
 const ACTIVITY_FAST_TIMES: f64 = 2.0;
 /// A gate stays live for this long, in `T_fast`: one may hold his breath.
@@ -143,6 +152,25 @@ impl SlowFast {
         self.of_gate.hold(delay, until_s, samples_in(LIVE_MARGIN_M, sample_rate_hz));
     }
 
+    /// Whether a sweep is so much stronger or weaker than what is known that it cannot be of the same
+    /// scene, and is not merely scaled either.
+    pub(super) fn is_outlier(&self, profiles: &Profiles) -> bool {
+        if self.sweep_count < 2 || self.fast.len() != profiles.samples.len() {
+            return false;
+        }
+        let power = |samples: &[Complex<f32>]| -> f64 {
+            samples.iter().map(|x| f64::from(x.norm_sqr())).sum()
+        };
+        let known = power(&self.fast) + self.noise_power * self.fast.len() as f64;
+        let now = power(&profiles.samples);
+        let is_far = known * OUTLIER_POWER_RATIO < now || now * OUTLIER_POWER_RATIO < known;
+        let fasts = self.fast.chunks_exact(profiles.sample_count);
+        let grain = self.grain();
+        let mut pairs = profiles.channels().zip(fasts);
+        let mut is_step = || pairs.all(|(x, f)| drift::step(x, f, &grain).is_some());
+        0.0 < known && is_far && !is_step()
+    }
+
     /// Subtracts the slow background from `profiles` and learns.
     pub(super) fn cancel(&mut self, time_s: f64, elapsed_s: f64, profiles: &mut Profiles) {
         self.reserve(profiles);
@@ -152,6 +180,7 @@ impl SlowFast {
                 self.slow.clone_from(&profiles.samples);
             }
         }
+        self.follow_steps(profiles);
         self.follow_drift(profiles);
         self.history.push(time_s, profiles, &self.gains);
         self.update_fast(elapsed_s, profiles);
@@ -181,6 +210,31 @@ impl SlowFast {
             live_weight: vec![0.0; gate_count],
             rate: vec![0.0; gate_count],
         };
+    }
+
+    fn grain(&self) -> drift::Grain {
+        drift::Grain { noise_power: self.noise_power, per_cell: self.gates.per_cell }
+    }
+
+    /// Scales the backgrounds of channels whose gain or phase made a step.
+    fn follow_steps(&mut self, profiles: &Profiles) {
+        let gate_count = profiles.sample_count.max(1);
+        let grain = self.grain();
+        let mut power_change = 0.0;
+        let channel_count = self.gains.len() as f64;
+        let backgrounds =
+            self.fast.chunks_exact_mut(gate_count).zip(self.slow.chunks_exact_mut(gate_count));
+        for ((samples, (fast, slow)), gain) in
+            profiles.channels().zip(backgrounds).zip(&mut self.gains)
+        {
+            let step = drift::step(samples, fast, &grain);
+            power_change += step.map_or(1.0, |step| step.norm_sqr()) / channel_count;
+            let Some(step) = step else { continue };
+            *gain *= step;
+            let scale = Complex::new(single(step.re), single(step.im));
+            fast.iter_mut().chain(slow).for_each(|b| *b *= scale);
+        }
+        self.noise_power *= power_change;
     }
 
     fn follow_drift(&mut self, profiles: &Profiles) {
@@ -252,9 +306,13 @@ impl SlowFast {
             }
         }
         let (elapsed, slow) = (single(elapsed_s), single(self.slow_s));
+        let provisional = single(PROVISIONAL_TIMES * MIN_BACKGROUND_S);
         for n in 0..gates.energy.len() {
             let is_live = time_s < gates.quiet_from_s[n];
             let doubt = (gates.energy[n] * per_noise).max(1.0);
+            if is_live && gates.learned_s[n] < provisional && !self.was_given {
+                gates.learned_s[n] = 0.0;
+            }
             gates.live_weight[n] = if is_live { (doubt * doubt).recip() } else { 0.0 };
             let learns = young || !is_live;
             gates.learned_s[n] += if learns { elapsed } else { 0.0 };
