@@ -1,12 +1,13 @@
 //! Time of every stage of a node's chain, of every kernel of back-projection, and of the textbook's
-//! loop beside them: 334 × 334 pixels, 8 channels.
+//! loop beside them: 334 × 334 pixels, 8 channels; then one table of it all.
 
 #![expect(clippy::expect_used, reason = "a failing set-up is a failing run")]
 
 use std::hint::black_box;
-use std::time::Duration;
+use std::io;
+use std::time::{Duration, SystemTime};
 
-use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, criterion_group};
 use node_agent::detect::resolve::Resolver;
 use node_agent::detect::response::PointModel;
 use node_agent::detect::{DetectionConfig, Precision, Scan, SecondLook, detect, threshold};
@@ -27,6 +28,9 @@ use proto::geom::{Node, Se2, World};
 use proto::radar::{Array, Band, Grid};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rustfft::num_complex::Complex;
+
+#[path = "imaging/table.rs"]
+mod table;
 
 const FFT_LENGTH: usize = 2048;
 
@@ -139,7 +143,7 @@ fn after_imaging(criterion: &mut Criterion) {
     let weights = Window::Taylor.weights(band.step_count);
     let profiles = compressor().compress(&sweep().samples);
     let image = projector(&cartesian(), &Means::default()).image(&profiles);
-    let mut amplitude = Vec::new();
+    let mut amplitude = image.weighted_amplitude();
     group.bench_function("amplitude", |b| {
         b.iter(|| black_box(&image).weighted_amplitude_into(&mut amplitude));
     });
@@ -147,12 +151,16 @@ fn after_imaging(criterion: &mut Criterion) {
     let precision = Precision::new(&band, &array, &weights);
     let resolver = Resolver::new(PointModel::new(&band, &array, &wall, &weights));
     let scan = Scan { profiles: &profiles, image: &image, amplitude: &amplitude, noise_power };
-    let once = DetectionConfig { second_look: SecondLook::Off, ..DetectionConfig::default() };
+    let twice = DetectionConfig::points();
+    let once = DetectionConfig { second_look: SecondLook::Off, ..twice };
+    group.bench_function("peaks", |b| {
+        b.iter(|| threshold::peaks(black_box(&image), &amplitude, noise_power, &once));
+    });
     group.bench_function("detection_first_look", |b| {
         b.iter(|| detect(black_box(&scan), &once, &precision, &resolver));
     });
     group.bench_function("detection", |b| {
-        b.iter(|| detect(black_box(&scan), &DetectionConfig::default(), &precision, &resolver));
+        b.iter(|| detect(black_box(&scan), &twice, &precision, &resolver));
     });
     let polar = projector(&Pixels::Polar(PolarGrid::default()), &Means::default()).image(&profiles);
     group.bench_function("resample_polar", |b| {
@@ -161,22 +169,48 @@ fn after_imaging(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// Two people who walk about an empty room for ten seconds; and the empty room.
+fn walk() -> (Vec<Sweep>, Sweep) {
+    let walker = |from_m: [f64; 2], to_m: [f64; 2]| Target {
+        way_points: [(0.0, from_m), (10.0, to_m)]
+            .map(|(time_s, [x_m, y_m])| WayPoint { time_s, x_m, y_m })
+            .to_vec(),
+        kind: TargetKind::Point,
+        amplitude_db: 0.0,
+    };
+    let targets = vec![walker([-2.0, 3.0], [-1.0, 8.0]), walker([1.5, 6.0], [2.5, 2.5])];
+    let disturbance =
+        Disturbance { noise: Noise::InBand { snr_db: 14.0 }, ..Disturbance::default() };
+    let scene = Scene { targets, ..Scene::default() };
+    let pose: Se2<World, Node> = Se2::identity();
+    let people = EchoSimulator::new(&scene, pose, &Radar::default(), &disturbance, 1)
+        .expect("a scene that makes sense");
+    let sweeps = (0..100).map(|k| people.sweep(k, 0.1 * k as f64)).collect();
+    let mut empty = people.sweep(0, 0.0);
+    empty.samples.fill(Complex::default());
+    (sweeps, empty)
+}
+
+/// The chain as it runs on a node: the canceller of two backgrounds, two people.
 fn chain(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("chain");
-    let raw = sweep();
-    for (name, thread_count, measure_on) in [
-        ("one_thread", 1, MeasureOn::Image),
-        ("two_threads", 2, MeasureOn::Image),
-        ("polar", 1, MeasureOn::Polar),
+    let (sweeps, empty) = walk();
+    let points = ChainConfig { detection: DetectionConfig::points(), ..ChainConfig::default() };
+    for (name, thread_count, measure_on, like) in [
+        ("one_thread", 1, MeasureOn::Image, &ChainConfig::default()),
+        ("two_threads", 2, MeasureOn::Image, &ChainConfig::default()),
+        ("polar", 1, MeasureOn::Polar, &ChainConfig::default()),
+        ("points_one_thread", 1, MeasureOn::Image, &points),
     ] {
-        let config = ChainConfig { thread_count, measure_on, ..ChainConfig::of_points() };
+        let config = ChainConfig { thread_count, measure_on, ..like.clone() };
         let mut chain = Chain::new(&config).expect("settings that make sense");
-        let mut time_s = 0.0;
+        chain.use_background(&empty.samples).expect("a sweep of this radar");
+        let mut next = (0..).zip(sweeps.iter().chain(sweeps.iter().rev()).cycle());
         group.bench_function(name, |b| {
             b.iter_batched(
                 || {
-                    time_s += 0.1;
-                    Sweep { time_s, samples: raw.samples.clone() }
+                    let (number, sweep) = next.next().expect("no end");
+                    Sweep { time_s: 0.1 * f64::from(number), samples: sweep.samples.clone() }
                 },
                 |next| chain.process_sweep(&next).map(|measured| measured.points.len()),
                 BatchSize::SmallInput,
@@ -196,4 +230,12 @@ criterion_group! {
         .measurement_time(Duration::from_secs(1));
     targets = before_imaging, back_projection, after_imaging, chain
 }
-criterion_main!(imaging);
+
+fn main() -> io::Result<()> {
+    #[expect(clippy::disallowed_methods, reason = "only what this run measured is told")]
+    let start = SystemTime::now();
+    imaging();
+    Criterion::default().configure_from_args().final_summary();
+    let kernel = projector(&cartesian(), &Means::default()).kernel_name();
+    table::write(&mut io::stdout().lock(), start, kernel)
+}

@@ -5,6 +5,8 @@
 //! all stronger peaks that stayed, `ℓ` being the share of a point's amplitude that shows elsewhere
 //! ([`PointModel::leakage`]), `m` the margin and `N σ²` the noise power of a pixel: a target 30 dB below another and in none of its
 //! blobs is seen beside the −35 dB sidelobes of a Taylor window with 4 dB of margin.
+//! A body throws sidelobes from its nearest part: two parts out of phase leave a second peak 0.4 m
+//! before or behind the first, at the edge of the main lobe.
 //! A wave that is reflected twice inside the wall on one of its ways shows behind its target, at the
 //! same angle, by `d sqrt(ε − u²)` (once more for every further time), 26 to 31 dB weaker through brick.
 
@@ -19,6 +21,8 @@ const ECHO_GATE: [f64; 2] = [0.15, 0.12];
 /// Noise lifts a sidelobe by this many times its root mean square: less than what any peak needs to
 /// be looked at, so that it matters beside sidelobes only.
 const NOISE_SIGMAS: f64 = 2.0;
+/// Parts of a body lie this far before and behind its peak, in `body_m`.
+const BODY_REACH: f64 = 0.27;
 /// Times a wave is reflected back and forth inside the wall and still seen.
 const ECHO_COUNT: usize = 2;
 
@@ -42,7 +46,7 @@ pub fn without_ghosts(
         let is_ghost = kept.iter().any(|strong| {
             is_same_body(strong, peak, body_m) || is_wall_echo(strong, peak, model, echo_ratio)
         });
-        let explained = margin * sidelobe_amplitude(&kept, peak, model) + noise;
+        let explained = margin * sidelobe_amplitude(&kept, peak, model, body_m) + noise;
         if !is_ghost && explained < f64::from(peak.power).sqrt() {
             kept.push(*peak);
         }
@@ -50,9 +54,16 @@ pub fn without_ghosts(
     kept
 }
 
-/// What the sidelobes of all `strong` peaks reach together at `peak`.
-fn sidelobe_amplitude(strong: &[Peak], peak: &Peak, model: &PointModel) -> f64 {
-    let amplitude = |s: &Peak| f64::from(s.power).sqrt() * model.leakage(&place(s), &place(peak));
+/// What the sidelobes of all `strong` peaks reach together at `peak`, each thrown by the part of the
+/// body that is nearest to it in range.
+fn sidelobe_amplitude(strong: &[Peak], peak: &Peak, model: &PointModel, body_m: f64) -> f64 {
+    let reach_m = BODY_REACH * body_m;
+    let amplitude = |s: &Peak| {
+        let nearest_m = (peak.range_m - s.range_m).clamp(-reach_m, reach_m);
+        let part = Polar::new(s.range_m + nearest_m, s.sine);
+        let leakage = [place(s), part].map(|from| model.leakage(&from, &place(peak)));
+        f64::from(s.power).sqrt() * leakage[0].max(leakage[1])
+    };
     strong.iter().map(amplitude).sum()
 }
 
@@ -134,6 +145,19 @@ mod tests {
         assert_eq!(stay(&pair(0.8, 34.0), &wall, 0.0), 2);
         assert_eq!(stay(&pair(-0.5345, 34.0), &wall, 0.0), 2);
         assert_eq!(stay(&pair(2.0 * 0.5345, 34.0), &wall, 0.0), 1);
+    }
+
+    #[test]
+    fn the_depth_of_a_body_counts_for_its_sidelobes() {
+        // Beyond what counts as the same body, at the edge of the main lobe of its front and back.
+        let pair = |behind_m: f64, power_db: f64| {
+            [peak(4.0, 0.2, 60.0), peak(4.0 + behind_m, 0.2, power_db)]
+        };
+        for behind_m in [-0.42, 0.42] {
+            assert_eq!(stay(&pair(behind_m, 48.0), &WallModel::None, 0.0), 2, "{behind_m}");
+            assert_eq!(stay(&pair(behind_m, 48.0), &WallModel::None, 0.41), 1, "{behind_m}");
+        }
+        assert_eq!(stay(&pair(1.0, 35.0), &WallModel::None, 0.55), 2);
     }
 
     #[test]

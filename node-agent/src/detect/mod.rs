@@ -27,6 +27,7 @@ use regions::Region;
 use resolve::{Finding, Resolver};
 
 pub mod config;
+mod excess;
 pub mod fading;
 mod fit;
 pub mod ghosts;
@@ -120,8 +121,8 @@ fn look(
     precision: &Precision,
     region: &Region,
 ) -> Finding {
-    let Blob { place, extent_m2 } =
-        moments::moments(&scan.image.pixels, scan.amplitude, region, config.centroid);
+    let blob = moments::moments(&scan.image.pixels, scan.amplitude, region, config.centroid);
+    let Blob { place, extent_m2 } = blob;
     let noise = f64::from(scan.noise_power) * scan.image.channel_count as f64;
     let power_ratio = f64::from(region.peak.power) / noise.max(f64::MIN_POSITIVE);
     let double_snr = 2.0 * (power_ratio - 1.0).max(MIN_SNR);
@@ -133,7 +134,7 @@ fn look(
         place,
         polar_cov,
         extent_m2,
-        unexplained_m2: Matrix2::zeros(),
+        unexplained_m2: excess::excess_m2(&blob, precision, power_ratio),
         power_ratio,
         detection_ratio: power_ratio,
     }
@@ -189,11 +190,17 @@ fn in_node(place: &Polar, range_m: f64, cross_m: f64) -> Matrix2<f64> {
 }
 
 #[cfg(test)]
+mod crossing;
+#[cfg(test)]
+mod people;
+#[cfg(test)]
 mod study;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod trials;
+#[cfg(test)]
+mod walks;
 
 #[cfg(test)]
 mod figures {

@@ -18,8 +18,8 @@ use super::response::{Patch, PointModel};
 /// Findings that follow each other in range by less than this, metres, disturb each other: the
 /// response of one reaches into the patch of the other.
 const GROUP_RANGE_M: f64 = 0.9;
-/// Sidelobes of points within this range outside the group are taken off, metres: 12 cells.
-const SIDELOBE_RANGE_M: f64 = 3.0;
+/// Sidelobes of points within this range outside the group are taken off, metres: 24 cells.
+const SIDELOBE_RANGE_M: f64 = 6.0;
 /// Sidelobes with less power in a patch than this over the noise power of a sample move a place by
 /// less than a tenth of its error.
 const MIN_SIDELOBE_RATIO: f64 = 0.01;
@@ -50,7 +50,8 @@ pub struct Finding {
     pub polar_cov: Matrix2<f64>,
     /// Second central moment of the region, m².
     pub extent_m2: Matrix2<f64>,
-    /// Covariance of the error beyond noise, in the node's frame, m².
+    /// Covariance of the error beyond noise, in the node's frame, m²: that of a blob larger than one
+    /// body's, or the whole extent of what no points explain.
     pub unexplained_m2: Matrix2<f64>,
     /// Power of the peak over the noise power of a pixel.
     pub power_ratio: f64,
@@ -209,6 +210,8 @@ fn fitted(patch: &Patch, fit: &Fit, findings: &[Finding]) -> Option<Vec<Finding>
         stayed.then_some(Finding {
             place,
             polar_cov,
+            // The other points of the fit explain the size of the blob.
+            unexplained_m2: Matrix2::zeros(),
             power_ratio: fit.amplitudes[i].norm_sqr() * pixel_gain,
             detection_ratio: fit.own_powers[i] / patch.noise_power,
             ..*found

@@ -9,11 +9,9 @@
     reason = "tables over several settings; seeds are small"
 )]
 
-use std::f64::consts::FRAC_PI_2;
-
 use nalgebra::Vector2;
-use proto::geom::{Node, Se2, World};
 
+use super::crossing::crossing;
 use super::moments::{Polar, to_cartesian, to_polar};
 use super::trials::{
     Judge, PEOPLE, POINTS, Rig, Tally, cartesian, polar, shifted, simulator, standing,
@@ -78,20 +76,6 @@ fn study_points() {
             total.mean_nees()
         );
     }
-}
-
-fn crossing(law: AmplitudeLaw) -> (Scene, [Se2<World, Node>; 2]) {
-    let walker = |from: [f64; 2], to: [f64; 2]| {
-        let way_point = |time_s, [x_m, y_m]: [f64; 2]| WayPoint { time_s, x_m, y_m };
-        Target {
-            way_points: vec![way_point(0.0, from), way_point(7.0, to)],
-            kind: TargetKind::Point,
-            amplitude_db: 0.0,
-        }
-    };
-    let targets = vec![walker([2.0, 3.0], [8.0, 8.0]), walker([8.0, 2.0], [3.0, 7.0])];
-    let poses = [Se2::new(5.0, 0.0, 0.0), Se2::new(0.0, 5.0, -FRAC_PI_2)];
-    (Scene { targets, amplitude_law: law, ..Scene::default() }, poses)
 }
 
 #[test]
@@ -386,5 +370,16 @@ fn study_bias() {
             tally.errors.len() + tally.false_count,
             errors.join(" ")
         );
+    }
+}
+
+/// One and two people at once, on the quick grid.
+#[test]
+#[ignore = "seconds: pairs of people"]
+fn study_pairs() {
+    let rig = Rig::new(&polar(), &WallModel::None, DetectionConfig::people());
+    for snr_db in [15.0, 20.0, 25.0] {
+        one_person(&rig, "people polar", snr_db, 100);
+        two_people(&rig, "people polar", snr_db, 200);
     }
 }

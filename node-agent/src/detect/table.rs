@@ -3,13 +3,13 @@
 use rustfft::num_complex::Complex;
 
 /// Tables reach this far, in resolution cells `1 / (K Δf)`.
-const HALF_CELLS: f64 = 12.0;
+const HALF_CELLS: f64 = 24.0;
 /// An envelope is extrapolated from here on: nearer to its end, a table may not hold the next peak.
 const TAIL_CELLS: f64 = 10.0;
 /// Entries of a table per cell: linear interpolation errs by −74 dB.
 const STEPS_PER_CELL: f64 = 64.0;
-/// `2 · 12 · 64` steps.
-const ENTRY_COUNT: usize = 1537;
+/// `2 · 24 · 64` steps.
+const ENTRY_COUNT: usize = 3073;
 
 /// A function of delay, tabulated around 0.
 #[derive(Clone, Debug)]
@@ -72,12 +72,12 @@ mod tests {
         let terms =
             [(-1e9, Complex::new(0.3, 0.1)), (0.0, Complex::new(0.5, 0.0)), (2e9, Complex::i())];
         let table = Table::new(1e-9, &terms);
-        for t_s in [-11.9e-9, -1.2345e-9, 0.0, 0.4e-9, 7.77e-9] {
+        for t_s in [-23.9e-9, -1.2345e-9, 0.0, 0.4e-9, 7.77e-9] {
             let want: Complex<f64> = terms.iter().map(|(w, c)| Complex::cis(w * t_s) * c).sum();
             // A quarter of (ω step)² / 2.
             assert!((table.at(t_s) - want).norm() < 2e-4, "{t_s}");
         }
-        assert!(table.at(12.1e-9).norm() < f64::MIN_POSITIVE);
+        assert!(table.at(24.1e-9).norm() < f64::MIN_POSITIVE);
         assert!(table.at(f64::NAN).norm() < f64::MIN_POSITIVE);
     }
 

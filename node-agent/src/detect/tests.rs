@@ -108,6 +108,25 @@ fn neighbours_in_angle_and_in_range_are_two_and_unbiased() {
 }
 
 #[test]
+fn targets_metres_apart_do_not_pull_each_other() {
+    let rig = Rig::new(&polar(), &WallModel::None, DetectionConfig::points());
+    // Tables of 12 cells left up to 4.5 mm between targets 3 m apart.
+    for apart_m in [2.9, 3.05, 3.2, 4.4] {
+        let far = Polar::new(3.0 + apart_m, 0.1);
+        let two = scene(vec![point(3.0, 0.1, 0.0), point(far.x, far.y, 0.0)]);
+        let points = rig.points(&simulator(&two, Noise::InBand { snr_db: 70.0 }, 1).sweep(0, 0.0));
+        assert_eq!(points.len(), 2, "{apart_m}: {:?}", places(&points));
+        for want in [Polar::new(3.0, 0.1), far] {
+            let nearest = places(&points)
+                .iter()
+                .map(|got| (got - want).abs().x)
+                .fold(f64::INFINITY, f64::min);
+            assert!(nearest < 5e-4, "{apart_m} m: {nearest} m");
+        }
+    }
+}
+
+#[test]
 fn the_fit_has_the_information_of_the_samples() {
     let rig = Rig::new(&polar(), &WallModel::None, DetectionConfig::points());
     let truth = [Polar::new(4.0, -0.1), Polar::new(4.35, 0.08)];

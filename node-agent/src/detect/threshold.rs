@@ -68,7 +68,9 @@ pub fn peaks(
         }
         let first = block * BLOCK_LENGTH;
         for index in first..first + powers.len() {
-            if gate.passes(image, amplitude, index)
+            if gate.min_power < image.power[index]
+                && is_ridge(image, index)
+                && gate.passes(image, amplitude, index)
                 && is_local_maximum(image, index)
                 && config.min_depth_m <= image.pixels.coords_m(index).y
             {
@@ -123,6 +125,15 @@ impl Gate {
             && self.min_amplitude < amplitude[index]
             && self.min_coherence < image.coherence(index)
     }
+}
+
+/// Whether neither the pixel before nor the one after is stronger, nor the one before as strong:
+/// what most pixels of a blob fail at once. Pixels at the end of a row are not asked.
+fn is_ridge(image: &CoherentImage, index: usize) -> bool {
+    let column = index % image.pixels.column_count();
+    let own = image.power[index];
+    let is_inside = 0 < column && column + 1 < image.pixels.column_count();
+    !is_inside || (image.power[index - 1] < own && image.power[index + 1] <= own)
 }
 
 /// Whether no pixel of the square around is stronger, nor as strong and stored earlier.

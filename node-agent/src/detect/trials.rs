@@ -81,7 +81,7 @@ pub(super) struct Judge {
 }
 
 pub(super) const POINTS: Judge = Judge { gate: [0.3, 0.2], half_depth_m: [0.0, 0.0] };
-pub(super) const PEOPLE: Judge = Judge { gate: [0.6, 0.5], half_depth_m: [0.13, 0.05] };
+pub(super) const PEOPLE: Judge = Judge { gate: [0.6, 0.5], half_depth_m: [0.10, 0.05] };
 
 /// Errors and counts over many sweeps.
 #[derive(Default, Clone)]
@@ -102,24 +102,27 @@ impl Tally {
         judge: &Judge,
     ) {
         let (gate, half) = (judge.gate, judge.half_depth_m);
+        let error = |point: &MeasuredPoint, truth: &Vector2<f64>| {
+            to_polar(&point.middle(half[0], half[1]).mean.coords_m) - to_polar(truth)
+        };
+        let cost = |point: &MeasuredPoint, truth: &Vector2<f64>| {
+            let e = error(point, truth).abs();
+            (e.x / gate[0]).max(e.y / gate[1])
+        };
         let mut free: Vec<&MeasuredPoint> = points.iter().collect();
+        let mut missing: Vec<&Vector2<f64>> = truths.iter().collect();
         self.truth_count += truths.len();
-        for truth in truths {
-            let place = to_polar(truth);
-            let error = |point: &MeasuredPoint| {
-                to_polar(&point.middle(half[0], half[1]).mean.coords_m) - place
-            };
-            let cost = |point: &MeasuredPoint| {
-                let e = error(point).abs();
-                (e.x / gate[0]).max(e.y / gate[1])
-            };
-            let best = (0..free.len()).min_by(|a, b| cost(free[*a]).total_cmp(&cost(free[*b])));
-            let Some(index) = best.filter(|i| cost(free[*i]) < 1.0) else { continue };
-            let point = free.remove(index);
+        // The nearest pair first: a point between two targets belongs to the nearer one.
+        loop {
+            let pairs = (0..free.len()).flat_map(|p| (0..missing.len()).map(move |t| (p, t)));
+            let rated = pairs.map(|(p, t)| (cost(free[p], missing[t]), p, t));
+            let best = rated.filter(|(c, ..)| *c < 1.0).min_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((_, p, t)) = best else { break };
+            let (point, truth) = (free.remove(p), missing.remove(t));
             let position = point.middle(half[0], half[1]);
             let off_m = position.mean.coords_m - truth;
             self.nees.push(off_m.dot(&(position.cov_m2.try_inverse().unwrap() * off_m)));
-            self.errors.push(error(point));
+            self.errors.push(error(point, truth));
         }
         self.false_count += free.len();
         for point in free {

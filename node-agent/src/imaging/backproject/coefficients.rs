@@ -7,22 +7,56 @@
 
 use rustfft::num_complex::Complex;
 
+use super::tables::Four;
+#[cfg(target_arch = "x86_64")]
 use super::tables::{Eight, Lanes, Sixteen};
 use crate::imaging::compress::Profiles;
 
 /// Planes of coefficients: `c0 re, c0 im, c1 re, c1 im, c2 re, c2 im`.
+#[cfg(target_arch = "x86_64")]
 const PLANE_COUNT: usize = 6;
 
 /// The coefficients of one interval: the planes, and two zeros to fill 32 bytes.
 pub(super) type Interval = [f32; 8];
 
+/// One interval for the kernel that sums truncated powers: every number in all lanes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    /// `c0 re, c0 im, c1 re, c1 im, c2 re, c2 im`.
+    pub(super) parabola: [Four; 6],
+    /// By how much the slope and the curvature change where the interval begins:
+    /// `b1 re, b1 im, b2 re, b2 im`.
+    pub(super) bend: [Four; 4],
+}
+
+impl Piece {
+    const ZERO: Self = Self { parabola: [Four([0.0; 4]); 6], bend: [Four([0.0; 4]); 4] };
+
+    /// The piece of `interval`, which follows `before`.
+    fn new(before: &Interval, interval: &Interval) -> Self {
+        let everywhere = |value: f32| Four([value; 4]);
+        let [.., old1_re, old1_im, old2_re, old2_im, _, _] = *before;
+        let [_, _, new1_re, new1_im, new2_re, new2_im, _, _] = *interval;
+        let bend = [
+            new1_re - (old1_re + 2.0 * old2_re),
+            new1_im - (old1_im + 2.0 * old2_im),
+            new2_re - old2_re,
+            new2_im - old2_im,
+        ];
+        let parabola = std::array::from_fn(|plane| everywhere(interval[plane]));
+        Self { parabola, bend: bend.map(everywhere) }
+    }
+}
+
 /// The coefficients of as many intervals as a register has lanes, plane by plane.
+#[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub(super) struct Window<V> {
     pub(super) planes: [V; PLANE_COUNT],
 }
 
+#[cfg(target_arch = "x86_64")]
 impl<V: Lanes> Window<V> {
     fn fill(&mut self, intervals: &[Interval]) {
         for (lane, interval) in intervals.iter().enumerate() {
@@ -34,6 +68,7 @@ impl<V: Lanes> Window<V> {
 }
 
 /// Which intervals a kernel reads.
+#[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Span {
     /// Intervals, or windows, of one channel.
@@ -46,16 +81,21 @@ pub(super) struct Span {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Coefficients {
     pub(super) intervals: Vec<Interval>,
+    pub(super) pieces: Vec<Piece>,
+    #[cfg(target_arch = "x86_64")]
     eight: Vec<Window<Eight>>,
+    #[cfg(target_arch = "x86_64")]
     sixteen: Vec<Window<Sixteen>>,
 }
 
 /// Lanes with a place of their own in [`Coefficients`].
+#[cfg(target_arch = "x86_64")]
 pub(super) trait Windowed: Lanes {
     fn windows(coefficients: &Coefficients) -> &[Window<Self>];
     fn windows_mut(coefficients: &mut Coefficients) -> &mut Vec<Window<Self>>;
 }
 
+#[cfg(target_arch = "x86_64")]
 impl Windowed for Eight {
     fn windows(coefficients: &Coefficients) -> &[Window<Self>] {
         &coefficients.eight
@@ -65,6 +105,7 @@ impl Windowed for Eight {
     }
 }
 
+#[cfg(target_arch = "x86_64")]
 impl Windowed for Sixteen {
     fn windows(coefficients: &Coefficients) -> &[Window<Self>] {
         &coefficients.sixteen
@@ -87,7 +128,23 @@ impl Coefficients {
         }
     }
 
+    /// Fills `pieces` with the first `count` intervals of every channel.
+    pub(super) fn fill_pieces(&mut self, profiles: &Profiles, count: usize) {
+        self.fill_intervals(profiles, count);
+        self.pieces.resize(self.intervals.len(), Piece::ZERO);
+        let channels = self.intervals.chunks_exact(count);
+        for (pieces, intervals) in self.pieces.chunks_exact_mut(count).zip(channels) {
+            // No group begins before the profile: the first bend is never read.
+            let mut before = &intervals[0];
+            for (piece, interval) in pieces.iter_mut().zip(intervals) {
+                *piece = Piece::new(before, interval);
+                before = interval;
+            }
+        }
+    }
+
     /// Fills the windows of every channel.
+    #[cfg(target_arch = "x86_64")]
     pub(super) fn fill_windows<V: Windowed>(&mut self, profiles: &Profiles, span: Span) {
         let Span { count, stride } = span;
         self.fill_intervals(profiles, (count - 1) * stride + V::COUNT);

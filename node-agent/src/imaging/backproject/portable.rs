@@ -11,9 +11,11 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::ops::Range;
 
+#[cfg(target_arch = "x86_64")]
+use super::Kernel;
 use super::coefficients::{Coefficients, Interval};
 use super::tables::{Eight, Group, Leg, Tables};
-use super::{Coherence, Engine, Kernel, Means, Output};
+use super::{Coherence, Engine, Means, Output};
 use crate::imaging::compress::Profiles;
 
 /// Pixels of a group; loops over so many vectorise without remainder.

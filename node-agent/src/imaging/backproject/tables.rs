@@ -28,12 +28,25 @@ pub(super) trait Lanes: Copy + fmt::Debug + Send + Sync + 'static {
     fn as_mut_slice(&mut self) -> &mut [f32];
 }
 
+/// Four numbers, aligned as a register of 128 bits is.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(16))]
+pub(super) struct Four(pub(super) [f32; 4]);
+
+impl Four {
+    /// The first four of `values`.
+    pub(super) fn of(values: &[f32]) -> Self {
+        Self(std::array::from_fn(|lane| values[lane]))
+    }
+}
+
 /// Eight numbers, aligned as a register of 256 bits is.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(super) struct Eight(pub(super) [f32; 8]);
 
 /// Sixteen numbers, aligned as a register of 512 bits is.
+#[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Sixteen(pub(super) [f32; 16]);
@@ -51,6 +64,7 @@ impl Lanes for Eight {
     }
 }
 
+#[cfg(target_arch = "x86_64")]
 impl Lanes for Sixteen {
     const COUNT: usize = 16;
     const ZERO: Self = Self([0.0; 16]);
@@ -150,12 +164,6 @@ impl<V: Lanes> Tables<V> {
         }
     }
 
-    /// The groups of one row.
-    #[inline(always)]
-    pub(super) fn row(&self, row: usize) -> impl Iterator<Item = Group<'_, V>> {
-        self.groups(row * self.group_count..(row + 1) * self.group_count)
-    }
-
     #[inline(always)]
     fn groups(&self, groups: Range<usize>) -> impl Iterator<Item = Group<'_, V>> {
         let span = groups.start * self.leg_count..groups.end * self.leg_count;
@@ -197,6 +205,16 @@ impl<V: Lanes> Tables<V> {
     pub(super) fn longest_delay(&self) -> f32 {
         let unit = self.base_unit;
         self.largest(|base, relative| (base * unit) as f32 + relative)
+    }
+}
+
+/// What only kernels with look-ups inside registers need.
+#[cfg(target_arch = "x86_64")]
+impl<V: Lanes> Tables<V> {
+    /// The groups of one row.
+    #[inline(always)]
+    pub(super) fn row(&self, row: usize) -> impl Iterator<Item = Group<'_, V>> {
+        self.groups(row * self.group_count..(row + 1) * self.group_count)
     }
 
     /// How far beyond the sum of two bases a delay reaches, in intervals, if all bases were

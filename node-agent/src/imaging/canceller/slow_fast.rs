@@ -6,7 +6,7 @@
 //! Activity of range gate `n`: `A_n`, the mean of `min(3, Σ_c |r_cn|² / (C σ²))` over `2 T_fast`, 1
 //! where nothing moves; `C σ²` is the median over all gates, over that of the gamma distribution,
 //! `C − 1/3 + 8/(405 C)` for noise power 1. A gate is live while `A` exceeds its threshold within
-//! 0.3 m of it, and for `2 T_fast` more.
+//! 0.3 m of it, and for `2 T_fast` more; while `Σ_c |r_cn|² / (C σ²) > 3` it is live at once.
 //! slow: `y_k = x_k − (1 + δ) b_{k−1}`, `b_k = (1 + δ) b_{k−1} + g_n y_k`, with `g_n = 0` in live
 //! gates, else `Δt / min(t_n, T_slow)`, where `t_n` is how long the gate has learned, seconds.
 //!
@@ -299,8 +299,12 @@ impl SlowFast {
         let young = self.age_s < MIN_BACKGROUND_S && !self.was_given;
         let gates = &mut self.of_gate;
         for n in 0..gates.energy.len() {
-            let seen = (gates.energy[n] * per_noise).min(MAX_ACTIVITY);
-            gates.activity[n] += newest * (seen - gates.activity[n]);
+            let seen = gates.energy[n] * per_noise;
+            gates.activity[n] += newest * (seen.min(MAX_ACTIVITY) - gates.activity[n]);
+            // One who comes through a door at once is not learned until his gates are live.
+            if MAX_ACTIVITY < seen {
+                gates.hold(n, time_s + elapsed_s, margin);
+            }
             if LIVE_ACTIVITY < gates.activity[n] {
                 gates.hold(n, quiet_from_s, margin);
             }

@@ -198,3 +198,17 @@ fn at_high_rates_the_history_is_thinned_out() {
     assert!((25..=32).contains(&times_s.len()), "{} frames", times_s.len());
     assert!((7.9..8.4).contains(&oldest_s) && times_s.iter().any(|t| (t - 9.99).abs() < 1e-9));
 }
+
+#[test]
+fn one_who_appears_at_once_is_not_learned() {
+    let mut source = Source::new(8, 1.0);
+    let mut tested = fresh();
+    run(&mut tested, &mut source, 0..30, |_| Vec::new());
+    // 35 dB over noise, from one sweep to the next, turning as a walker does; then he is gone.
+    let appears = |time_s: f64| vec![(300, Complex::from_polar(56.0, 7.0 * single(time_s)))];
+    run(&mut tested, &mut source, 30..33, appears);
+    let left = run(&mut tested, &mut source, 33..34, |_| Vec::new());
+    let power = (0..8).map(|c| left.samples[c * GATE_COUNT + 300].norm_sqr()).sum::<f32>() / 8.0;
+    // Noise of power 1 alone; three sweeps learned would leave 20 or more.
+    assert!(power < 4.0, "{power}");
+}
