@@ -25,6 +25,10 @@ use crate::imaging::wall::WallModel;
 const NOISE_SIGMAS: f64 = 4.0;
 /// Least `(V − 1) / SNR_I` of a living person: half of what 2.5 mm of breathing give.
 const MIN_MOTION: f64 = 0.01;
+/// The same where the background may hold somebody who was there when it was learned: walking gives
+/// about half. Breathing is not enough there, because the sidelobes of a walker at the same range
+/// vary as much over a shadow.
+const MIN_MOTION_UNTRUSTED: f64 = 0.2;
 /// With fewer frames nothing is said against a point.
 const MIN_FRAMES: usize = 4;
 /// One breath, in `T_fast`.
@@ -53,6 +57,8 @@ impl Focus {
     /// profiles `seen`.
     #[must_use]
     pub fn is_live(&self, seen: &SlowFast, point: &MeasuredPoint, sample_rate_hz: f64) -> bool {
+        let delay = self.mean_delay(&Vector2::new(point.x_m, point.y_m), sample_rate_hz);
+        let min_motion = if is_trusted(seen, delay) { MIN_MOTION } else { MIN_MOTION_UNTRUSTED };
         let looks = self.looks(&Vector2::new(point.x_m, point.y_m), sample_rate_hz);
         let snr = 10_f64.powf(0.1 * point.snr_db);
         let sums: Vec<Complex<f64>> =
@@ -63,7 +69,7 @@ impl Focus {
         }
         let degrees = (sums.len() - 1) as f64;
         let excess = variance(&sums) / noise - 1.0;
-        (NOISE_SIGMAS / degrees.sqrt()).max(MIN_MOTION * snr) < excess
+        (NOISE_SIGMAS / degrees.sqrt()).max(min_motion * snr) < excess
     }
 
     /// The mean delay of the channels to a place, in whole samples.
@@ -88,6 +94,11 @@ impl Focus {
         };
         paths_m.map(look).collect()
     }
+}
+
+/// Whether the background at `delay` samples was learned for so long that it is that of the room.
+fn is_trusted(seen: &SlowFast, delay: usize) -> bool {
+    TRUSTED_FAST_TIMES * seen.fast_s() <= seen.learned_s(delay)
 }
 
 /// What lives, and where it did lately.
@@ -126,7 +137,7 @@ impl Living {
             let coords_m = Vector2::new(point.x_m, point.y_m);
             let moves = self.focus.is_live(seen, point, sample_rate_hz);
             let delay = self.focus.mean_delay(&coords_m, sample_rate_hz);
-            let trusted = TRUSTED_FAST_TIMES * seen.fast_s() <= seen.learned_s(delay);
+            let trusted = is_trusted(seen, delay);
             if moves {
                 self.remember(Place { coords_m, time_s });
                 seen.hold(delay, time_s + breath_s, sample_rate_hz);
