@@ -189,7 +189,14 @@ impl AgentConfig {
                 return Err(InvalidConfig(format!("{name} is {value}: use {least} to {most}")));
             }
         }
-        self.chain.check().map_err(|error| InvalidConfig(format!("chain.{error}")))?;
+        // Recorded echoes bring their own radar, with which the chain is checked when it is built.
+        if self.source != SourceKind::Echoes {
+            self.chain.check().map_err(|error| InvalidConfig(format!("chain.{error}")))?;
+            if self.chain.canceller == CancellerConfig::Background {
+                let remedy = "only recorded echoes have one: use another canceller";
+                return Err(InvalidConfig(format!("chain.canceller is background: {remedy}")));
+            }
+        }
         self.group.check().map_err(|error| InvalidConfig(error.to_string()))?;
         let simulated = |error| InvalidConfig(format!("simulated.{error}"));
         self.simulated.scene.check().map_err(simulated)?;

@@ -358,7 +358,11 @@ impl Chain {
         let time_s = sweep.time_s;
         self.check_samples(time_s, &sweep.samples)?;
         match self.canceller.last_s() {
-            Some(previous_s) if time_s.is_nan() || time_s <= previous_s => {
+            _ if !time_s.is_finite() => {
+                let previous_s = f64::NEG_INFINITY;
+                Err(ChainError::TimeNotAscending { time_s, previous_s })
+            }
+            Some(previous_s) if time_s <= previous_s => {
                 Err(ChainError::TimeNotAscending { time_s, previous_s })
             }
             _ => Ok(()),
@@ -387,3 +391,5 @@ impl Chain {
 mod story;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod upsets;

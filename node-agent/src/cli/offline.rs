@@ -162,7 +162,6 @@ impl ProcessFlags {
                 Preset::Paper => WallModel::FixedDelay(wall),
             };
         }
-        chain.check().context("chain")?;
         let TargetConfig { half_depth_m, half_depth_sigma_m } = target;
         let wall = if self.estimate_wall { WallSource::Estimated } else { WallSource::Configured };
         Ok(Options { chain, half_depth_m, half_depth_sigma_m, wall, images: self.images.clone() })
@@ -198,7 +197,8 @@ impl ProcessFlags {
             let is_free = |node: &NodeId| jobs.iter().all(|job| job.node != *node);
             let names = [self.node.clone(), own_name(path), file_name(path)];
             let node = names.into_iter().flatten().find(is_free);
-            let node = node.map_or_else(|| format!("node-{}", jobs.len() + 1).parse(), Ok)?;
+            let numbered = (1..).filter_map(|number: usize| format!("node-{number}").parse().ok());
+            let node = node.or_else(|| numbered.into_iter().find(is_free)).context("a name")?;
             let (conjugate, period_count) = (self.conjugate, self.periods);
             let echoes = EchoesConfig { path: path.clone(), conjugate, period_count };
             jobs.push(Job { echoes, node });

@@ -29,6 +29,8 @@ const MIN_MOTION: f64 = 0.01;
 /// about half. Breathing is not enough there, because the sidelobes of a walker at the same range
 /// vary as much over a shadow.
 const MIN_MOTION_UNTRUSTED: f64 = 0.2;
+/// A background learned for so long in quiet, in `T_fast`, holds nobody who moves.
+const KNOWN_FAST_TIMES: f64 = 1.0;
 /// With fewer frames nothing is said against a point.
 const MIN_FRAMES: usize = 4;
 /// One breath, in `T_fast`.
@@ -53,23 +55,29 @@ impl Focus {
         Self { array: array.clone(), wall: *wall, carrier_hz: band.carrier_hz() }
     }
 
-    /// Whether something moved at the place of `point` lately; `sample_rate_hz` is that of the
-    /// profiles `seen`.
+    /// Whether something moved at the place of `point` lately, `None` if too few sweeps tell;
+    /// `sample_rate_hz` is that of the profiles `seen`.
     #[must_use]
-    pub fn is_live(&self, seen: &SlowFast, point: &MeasuredPoint, sample_rate_hz: f64) -> bool {
+    pub fn is_live(
+        &self,
+        seen: &SlowFast,
+        point: &MeasuredPoint,
+        sample_rate_hz: f64,
+    ) -> Option<bool> {
         let delay = self.mean_delay(&Vector2::new(point.x_m, point.y_m), sample_rate_hz);
-        let min_motion = if is_trusted(seen, delay) { MIN_MOTION } else { MIN_MOTION_UNTRUSTED };
+        let may_hold_somebody = seen.learned_s(delay) < KNOWN_FAST_TIMES * seen.fast_s();
+        let min_motion = if may_hold_somebody { MIN_MOTION_UNTRUSTED } else { MIN_MOTION };
         let looks = self.looks(&Vector2::new(point.x_m, point.y_m), sample_rate_hz);
         let snr = 10_f64.powf(0.1 * point.snr_db);
         let sums: Vec<Complex<f64>> =
             seen.history().frames().map(|(_, samples)| coherent_sum(&looks, samples)).collect();
-        let noise = seen.noise_power() * looks.len() as f64;
+        let noise = seen.history_noise_power();
         if sums.len() < MIN_FRAMES || noise <= 0.0 {
-            return true;
+            return None;
         }
         let degrees = (sums.len() - 1) as f64;
         let excess = variance(&sums) / noise - 1.0;
-        (NOISE_SIGMAS / degrees.sqrt()).max(min_motion * snr) < excess
+        Some((NOISE_SIGMAS / degrees.sqrt()).max(min_motion * snr) < excess)
     }
 
     /// The mean delay of the channels to a place, in whole samples.
@@ -138,11 +146,11 @@ impl Living {
             let moves = self.focus.is_live(seen, point, sample_rate_hz);
             let delay = self.focus.mean_delay(&coords_m, sample_rate_hz);
             let trusted = is_trusted(seen, delay);
-            if moves {
+            if moves == Some(true) {
                 self.remember(Place { coords_m, time_s });
                 seen.hold(delay, time_s + breath_s, sample_rate_hz);
             }
-            moves || (trusted && self.lived(&coords_m))
+            moves.unwrap_or(true) || (trusted && self.lived(&coords_m))
         });
     }
 

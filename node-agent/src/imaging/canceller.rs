@@ -136,6 +136,8 @@ pub struct Canceller {
     /// Of the two-pulse, exponential and given background.
     background: Vec<Complex<f32>>,
     slow_fast: Option<SlowFast>,
+    /// The background that `slow_fast` was given.
+    given: Option<Profiles>,
     /// Sweeps in a row that were not of the known scene.
     outlier_count: usize,
     moving: Profiles,
@@ -167,6 +169,7 @@ impl Canceller {
             clock: Clock::default(),
             background: Vec::new(),
             slow_fast,
+            given: None,
             outlier_count: 0,
             moving: Profiles { sample_count: 0, sample_rate_hz: 0.0, samples: Vec::new() },
         }
@@ -178,7 +181,10 @@ impl Canceller {
         self.keep(empty);
         match (&self.config, &mut self.slow_fast) {
             (CancellerConfig::Background, _) => self.background.clone_from(&self.moving.samples),
-            (_, Some(slow_fast)) => slow_fast.start_from(&self.moving),
+            (_, Some(slow_fast)) => {
+                slow_fast.start_from(&self.moving);
+                self.given = Some(self.moving.clone());
+            }
             _ => {}
         }
     }
@@ -198,14 +204,16 @@ impl Canceller {
     /// Takes the profiles of the sweep at `time_s` in and gives what moves. Times ascend. A pause
     /// longer than the memory begins a new background.
     pub fn cancel<'a>(&'a mut self, time_s: f64, profiles: &'a Profiles) -> Cancelled<'a> {
-        let elapsed_s = self.clock.elapsed_s(time_s);
-        if self.clock.is_gap(elapsed_s) && self.config.memory_s() < elapsed_s {
+        let since_last_s = self.clock.elapsed_s(time_s);
+        if self.clock.is_gap(since_last_s) && self.config.memory_s() < since_last_s {
             self.forget();
         }
         if self.is_passing_outlier(profiles) {
             self.clock.last_s = Some(time_s);
             return Cancelled::WarmingUp;
         }
+        // A new background has not learned through the pause before it.
+        let elapsed_s = if self.clock.sweep_count == 0 { 0.0 } else { since_last_s };
         let known = self.background_is_known(time_s);
         if self.config != CancellerConfig::None {
             self.keep(profiles);
@@ -216,7 +224,7 @@ impl Canceller {
             (_, Some(slow_fast)) => slow_fast.cancel(time_s, elapsed_s, &mut self.moving),
             _ => self.subtract_and_learn(elapsed_s),
         }
-        self.clock.tick(time_s, elapsed_s);
+        self.clock.tick(time_s, since_last_s);
         match (known, self.config) {
             (false, _) => Cancelled::WarmingUp,
             (true, CancellerConfig::None) => Cancelled::Moving(profiles),
@@ -235,8 +243,10 @@ impl Canceller {
             self.outlier_count = 0;
             return false;
         }
-        self.outlier_count += 1;
-        if self.outlier_count < NEW_SCENE_SWEEPS {
+        // A receiver that is silent is no other scene.
+        let is_silent = self.moving.samples.iter().all(|x| x.norm_sqr() <= f32::MIN_POSITIVE);
+        self.outlier_count += usize::from(!is_silent);
+        if is_silent || self.outlier_count < NEW_SCENE_SWEEPS {
             return true;
         }
         self.outlier_count = 0;
@@ -248,7 +258,11 @@ impl Canceller {
         self.clock.sweep_count = 0;
         self.background.clear();
         if let CancellerConfig::SlowFast { fast_s, slow_s } = self.config {
-            self.slow_fast = Some(SlowFast::new(fast_s, slow_s, self.gates));
+            let mut slow_fast = SlowFast::new(fast_s, slow_s, self.gates);
+            if let Some(given) = &self.given {
+                slow_fast.start_from(given);
+            }
+            self.slow_fast = Some(slow_fast);
         }
     }
 

@@ -117,7 +117,8 @@ pub fn process(
     stop: &CancellationToken,
 ) -> Result<Processed, ProcessError> {
     let mut recording = job.echoes.open()?;
-    progress.set_length(recording.period_count());
+    let wanted = job.echoes.period_count.unwrap_or(u64::MAX);
+    progress.set_length(recording.period_count().min(wanted));
     let wall = match options.wall {
         WallSource::Configured => None,
         WallSource::Estimated => find_wall(&mut recording, &job.echoes.path)?,
@@ -135,7 +136,8 @@ pub fn process(
             period_count: 0,
             warming_up_count: 0,
             point_count: 0,
-            own_background: recording.header().background.is_some(),
+            own_background: recording.header().background.is_some()
+                && options.chain.canceller == CancellerConfig::default(),
             times_assumed: recording.times().are_assumed(),
             wall,
         },
@@ -168,7 +170,8 @@ fn chain_of(
     if header.background.is_none() && config.canceller == CancellerConfig::Background {
         return Err(ProcessError::NoBackground { path: path.to_owned() });
     }
-    if header.background.is_some() && config.canceller != CancellerConfig::None {
+    // What was chosen stays; the default gives way to what was recorded.
+    if header.background.is_some() && config.canceller == CancellerConfig::default() {
         config.canceller = CancellerConfig::Background;
     }
     let mut chain = Chain::new(&config).map_err(refused)?;

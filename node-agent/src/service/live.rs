@@ -126,6 +126,9 @@ struct Mapped {
 /// A driver's clock that is this far off what it was has been started anew.
 const JUMP_NS: i128 = 5_000_000_000;
 
+/// Clocks run apart by less than one part in this many: 200 ppm.
+const MAX_SKEW: i128 = 5_000;
+
 impl DriverClock {
     /// When a sweep was taken; later than the one before, whatever the driver says.
     fn node_time(&mut self, driver_ns: u64, arrived: NodeTime) -> NodeTime {
@@ -133,7 +136,10 @@ impl DriverClock {
         let known = self.last.filter(|last| {
             last.driver_ns < driver_ns && (now_offset_ns - last.offset_ns).abs() < JUMP_NS
         });
-        let offset_ns = known.map_or(now_offset_ns, |last| last.offset_ns.min(now_offset_ns));
+        let offset_ns = known.map_or(now_offset_ns, |last| {
+            let slack_ns = i128::from(driver_ns - last.driver_ns) / MAX_SKEW;
+            now_offset_ns.min(last.offset_ns + slack_ns)
+        });
         let mapped_ns = u64::try_from(i128::from(driver_ns) + offset_ns).unwrap_or(0);
         let node_ns = self.last.map_or(mapped_ns, |last| mapped_ns.max(last.node_ns + 1000));
         self.last = Some(Mapped { driver_ns, node_ns, offset_ns });
@@ -152,8 +158,9 @@ mod tests {
         assert_eq!(taken(1_000_000, 51_000_000), 51_000_000);
         // This one was on its way for 3 ms less than the first ...
         assert_eq!(taken(101_000_000, 148_000_000), 148_000_000);
-        // ... and that one 20 ms longer: it was taken 100 ms after the one before.
-        assert_eq!(taken(201_000_000, 268_000_000), 248_000_000);
+        // ... and that one 20 ms longer: it was taken 100 ms after the one before, or 20 us more, if
+        // the driver's clock is slow.
+        assert_eq!(taken(201_000_000, 268_000_000), 248_020_000);
         // A driver that starts again counts from zero.
         assert_eq!(taken(5_000, 900_000_000), 900_000_000);
         // Time never stands or goes back.

@@ -59,7 +59,9 @@ fn point(x_m: f64, y_m: f64, snr_db: f64) -> MeasuredPoint {
 /// Whether points of 25 dB at the places are live.
 fn alive<const N: usize>(canceller: &mut Canceller, places: [(f64, f64); N]) -> [bool; N] {
     let seen = canceller.slow_fast_mut().unwrap();
-    places.map(|(x_m, y_m)| focus().is_live(seen, &point(x_m, y_m, 25.0), SAMPLE_RATE_HZ))
+    places.map(|(x_m, y_m)| {
+        focus().is_live(seen, &point(x_m, y_m, 25.0), SAMPLE_RATE_HZ) != Some(false)
+    })
 }
 
 #[test]

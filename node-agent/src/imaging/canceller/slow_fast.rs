@@ -3,7 +3,7 @@
 //! With the profiles `x_k` of `C` channels and the drift `δ` of each (see [`super::drift`]):
 //! fast: `f_k = (1 + δ) f_{k−1} + (1 − a) r_k`, `r_k = x_k − (1 + δ) f_{k−1}`,
 //! `a = min(exp(−Δt / T_fast), k/(k+1))`.
-//! Activity of range gate `n`: `A_n`, the mean of `min(3, Σ_c |r_cn|² / (C σ²))` over `2 T_fast`, 1
+//! Activity of range gate `n`: `A_n`, the clipped mean of `Σ_c |r_cn|² / (C σ²)` over `2 T_fast`, 1
 //! where nothing moves; `C σ²` is the median over all gates, over that of the gamma distribution,
 //! `C − 1/3 + 8/(405 C)` for noise power 1. A gate is live while `A` exceeds its threshold within
 //! 0.3 m of it, and for `2 T_fast` more; while `Σ_c |r_cn|² / (C σ²) > 3` it is live at once.
@@ -13,8 +13,8 @@
 //! A person who walks, or stands and breathes, keeps his gates live, so that the slow background
 //! under him remains that of the empty room: he loses nothing, leaves no trail, and no negative
 //! image remains where he stood. A person already there at the start is in the background
-//! until he leaves: what a gate learned before it became live for the first time is then forgotten,
-//! so that it learns afresh at once. One who does not even breathe is taken in with `T_slow`.
+//! until he leaves: what a gate learned in less than a second before it became live is then
+//! forgotten, so that it learns afresh at once. One who does not even breathe is taken in with `T_slow`.
 //!
 //! A step of a channel's gain or phase (`x ≈ g f` over all gates) scales its backgrounds; a sweep
 //! whose power is far off, and that no step explains, teaches nothing.
@@ -28,11 +28,8 @@ use super::{Gates, MIN_BACKGROUND_S};
 use crate::imaging::compress::Profiles;
 use crate::imaging::single;
 
-/// Activity that noise alone does not reach: five standard deviations of the mean of the energies of
-/// 8 channels over 2 s at 10 Hz.
-const LIVE_ACTIVITY: f32 = 1.3;
-/// What one sweep can add to the activity: more would keep a gate live long after its walker.
-const MAX_ACTIVITY: f32 = 3.0;
+/// Standard deviations of the averaged activity that noise alone does not reach.
+const LIVE_SIGMAS: f64 = 5.0;
 /// What a gate learned in less than this many times the shortest background, before it became live,
 /// may have been the one who makes it live.
 const PROVISIONAL_TIMES: f64 = 2.0;
@@ -135,6 +132,13 @@ impl SlowFast {
         self.noise_power
     }
 
+    /// Noise power of the sum of all channels of a frame of the history, whose drift is undone.
+    #[must_use]
+    pub fn history_noise_power(&self) -> f64 {
+        let undone = |gain: &Complex<f64>| self.noise_power / gain.norm_sqr();
+        self.gains.iter().map(undone).sum()
+    }
+
     /// `T_fast`, seconds.
     #[must_use]
     pub fn fast_s(&self) -> f64 {
@@ -168,7 +172,7 @@ impl SlowFast {
         let grain = self.grain();
         let mut pairs = profiles.channels().zip(fasts);
         let mut is_step = || pairs.all(|(x, f)| drift::step(x, f, &grain).is_some());
-        0.0 < known && is_far && !is_step()
+        is_far && !is_step()
     }
 
     /// Subtracts the slow background from `profiles` and learns.
@@ -238,6 +242,7 @@ impl SlowFast {
     }
 
     fn follow_drift(&mut self, profiles: &Profiles) {
+        self.changes.fill(Complex::default());
         // Without noise power nothing is known of how sure a change would be.
         if self.noise_power <= 0.0 {
             return;
@@ -293,19 +298,21 @@ impl SlowFast {
     fn update_gates(&mut self, time_s: f64, elapsed_s: f64, sample_rate_hz: f64) {
         let channel_noise = self.noise_power * self.gains.len() as f64;
         let per_noise = single(channel_noise).max(f32::MIN_POSITIVE).recip();
-        let newest = single(1.0 - (-elapsed_s / (ACTIVITY_FAST_TIMES * self.fast_s)).exp());
+        let newest = 1.0 - (-elapsed_s / (ACTIVITY_FAST_TIMES * self.fast_s)).exp();
+        let Limits { live_activity, max_activity } = Limits::of(self.gains.len(), newest);
+        let newest = single(newest);
         let quiet_from_s = time_s + HOLD_FAST_TIMES * self.fast_s;
         let margin = samples_in(LIVE_MARGIN_M, sample_rate_hz);
         let young = self.age_s < MIN_BACKGROUND_S && !self.was_given;
         let gates = &mut self.of_gate;
         for n in 0..gates.energy.len() {
             let seen = gates.energy[n] * per_noise;
-            gates.activity[n] += newest * (seen.min(MAX_ACTIVITY) - gates.activity[n]);
+            gates.activity[n] += newest * (seen.min(max_activity) - gates.activity[n]);
             // One who comes through a door at once is not learned until his gates are live.
-            if MAX_ACTIVITY < seen {
+            if max_activity < seen {
                 gates.hold(n, time_s + elapsed_s, margin);
             }
-            if LIVE_ACTIVITY < gates.activity[n] {
+            if live_activity < gates.activity[n] {
                 gates.hold(n, quiet_from_s, margin);
             }
         }
@@ -334,6 +341,28 @@ impl SlowFast {
                 *x -= expected;
                 *b = expected + *x * rate;
             }
+        }
+    }
+}
+
+/// What activity noise alone does not reach.
+struct Limits {
+    /// Of the average.
+    live_activity: f32,
+    /// Of one sweep; more adds no more, or it would keep a gate live long after its walker.
+    max_activity: f32,
+}
+
+impl Limits {
+    /// For the mean energy of `channel_count` channels, of which each sweep enters the average with
+    /// the share `newest`.
+    fn of(channel_count: usize, newest: f64) -> Self {
+        let channels = channel_count.max(1) as f64;
+        let sigma = (newest / (2.0 - newest) / channels).sqrt();
+        Self {
+            live_activity: single(1.0 + LIVE_SIGMAS * sigma),
+            // The tail of the gamma distribution at some 1e-4 for 1 to 8 channels.
+            max_activity: single(1.0 + 4.0 / channels.sqrt() + 4.7 / channels),
         }
     }
 }
