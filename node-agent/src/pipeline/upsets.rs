@@ -77,7 +77,7 @@ fn a_walker_is_followed_through_what_the_field_does() {
         ("a burst", after(once(1e4), 0.0)),
         ("one silent sweep", after(once(0.0), 0.0)),
         ("a second of silence", after(silent, 0.0)),
-        ("a pause", after(|k| (k < UPSET || UPSET + 5 <= k).then_some(one), 0.0)),
+        ("a pause", after(|k| (!(UPSET..UPSET + 5).contains(&k)).then_some(one), 0.0)),
     ] {
         assert!(0.9 <= found, "{what}: found in {found} of the frames");
         assert!(false_per_frame <= 0.1, "{what}: {false_per_frame} false points per frame");
