@@ -1,6 +1,6 @@
 //! The second look: how many points explain the peaks, and where they are.
 //!
-//! Neighbouring peaks are fitted together ([`super::fit`]). A patch is explained if what is left is
+//! Neighbouring peaks are fitted together (`fit`). A patch is explained if what is left is
 //! noise; if not, each point in turn is split in two. What is explained is then fitted once more
 //! without the sidelobes of all others: those of a target 1.3 m away pull the sine by up to 4 mrad. The covariance of the places is
 //! `σ²/2 (Re Dᴴ D)⁻¹`, the bound, with the noise power `σ²` of a sample or, where it is larger, the
