@@ -245,17 +245,12 @@ impl AgentConfig {
             SourceKind::Echoes => {
                 let echoes = Echoes::new(&self.echoes)?;
                 let header = echoes.recording().header();
-                self.chain.band = header.band;
-                self.chain.array = header.array.clone();
-                self.chain.fit_length();
-                background = echoes.background();
+                self.chain = header.fitted(self.chain).map_err(SourceError::Chain)?;
+                background.clone_from(&header.background);
                 Box::new(echoes)
             }
             SourceKind::Live => return Err(SourceError::Live),
         };
-        if background.is_none() && self.chain.canceller == CancellerConfig::Background {
-            return Err(SourceError::NoBackground);
-        }
         Ok(Opened { config: self, source, background })
     }
 }

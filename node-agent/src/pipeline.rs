@@ -136,11 +136,14 @@ impl ChainConfig {
         Ok(())
     }
 
-    /// Lengthens the profiles where the band has so many frequencies that they would be coarse.
-    pub fn fit_length(&mut self) {
-        if self.fft_length < MIN_OVERSAMPLING * self.band.step_count {
-            self.fft_length = (MIN_OVERSAMPLING * self.band.step_count).next_power_of_two();
-        }
+    /// The same settings for another radar; profiles are lengthened where its band has so many
+    /// frequencies that they would be coarse.
+    #[must_use]
+    pub fn with_radar(self, band: Band, array: Array) -> Self {
+        let least = (MIN_OVERSAMPLING * band.step_count).next_power_of_two();
+        let fine = MIN_OVERSAMPLING * band.step_count <= self.fft_length;
+        let fft_length = if fine { self.fft_length } else { least };
+        Self { band, array, fft_length, ..self }
     }
 
     fn means(&self) -> Means {
@@ -357,16 +360,9 @@ impl Chain {
     fn check_sweep(&self, sweep: &Sweep) -> Result<(), ChainError> {
         let time_s = sweep.time_s;
         self.check_samples(time_s, &sweep.samples)?;
-        match self.canceller.last_s() {
-            _ if !time_s.is_finite() => {
-                let previous_s = f64::NEG_INFINITY;
-                Err(ChainError::TimeNotAscending { time_s, previous_s })
-            }
-            Some(previous_s) if time_s <= previous_s => {
-                Err(ChainError::TimeNotAscending { time_s, previous_s })
-            }
-            _ => Ok(()),
-        }
+        let previous_s = self.canceller.last_s().unwrap_or(f64::NEG_INFINITY);
+        let ascends = time_s.is_finite() && previous_s < time_s;
+        if ascends { Ok(()) } else { Err(ChainError::TimeNotAscending { time_s, previous_s }) }
     }
 
     fn check_samples(&self, time_s: f64, samples: &[Complex<f32>]) -> Result<(), ChainError> {

@@ -10,6 +10,7 @@
 //! learned before anyone came: there are no shadows. The range gates of what lives are held, because
 //! this test is finer than that of the gates by the number of channels.
 
+use crate::imaging::{double, from_db};
 use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
@@ -55,58 +56,64 @@ impl Focus {
         Self { array: array.clone(), wall: *wall, carrier_hz: band.carrier_hz() }
     }
 
-    /// Whether something moved at the place of `point` lately, `None` if too few sweeps tell;
-    /// `sample_rate_hz` is that of the profiles `seen`.
+    /// Where the place of `point` is in profiles of `sample_rate_hz`.
     #[must_use]
-    pub fn is_live(
-        &self,
-        seen: &SlowFast,
-        point: &MeasuredPoint,
-        sample_rate_hz: f64,
-    ) -> Option<bool> {
-        let delay = self.mean_delay(&Vector2::new(point.x_m, point.y_m), sample_rate_hz);
-        let may_hold_somebody = seen.learned_s(delay) < KNOWN_FAST_TIMES * seen.fast_s();
+    pub fn looks(&self, point: &MeasuredPoint, sample_rate_hz: f64) -> Looks {
+        let place_m = Vector2::new(point.x_m, point.y_m);
+        let look = |path_m: f64| {
+            let delay_s = path_m / SPEED_OF_LIGHT_M_PER_S;
+            (delay_s * sample_rate_hz, Complex::cis(TAU * self.carrier_hz * delay_s))
+        };
+        let paths_m = self.wall.channel_paths_m(&self.array, &place_m);
+        Looks { of_channel: paths_m.into_iter().map(look).collect() }
+    }
+}
+
+/// A place as the channels see it: where in each one's profile, in samples, and its carrier phasor.
+#[derive(Clone, Debug)]
+pub struct Looks {
+    of_channel: Vec<(f64, Complex<f64>)>,
+}
+
+impl Looks {
+    /// The mean delay of the channels, in whole samples.
+    #[expect(clippy::cast_possible_truncation, reason = "some thousand samples")]
+    fn mean_delay(&self) -> usize {
+        let total: f64 = self.of_channel.iter().map(|(delay, _)| delay).sum();
+        (total / self.of_channel.len() as f64).clamp(0.0, 1e9) as usize
+    }
+
+    /// Whether something moved there lately, `None` if too few sweeps tell, for a point of `snr_db`.
+    #[must_use]
+    pub fn is_live(&self, seen: &SlowFast, snr_db: f64) -> Option<bool> {
+        let may_hold_somebody =
+            seen.learned_s(self.mean_delay()) < KNOWN_FAST_TIMES * seen.fast_s();
         let min_motion = if may_hold_somebody { MIN_MOTION_UNTRUSTED } else { MIN_MOTION };
-        let looks = self.looks(&Vector2::new(point.x_m, point.y_m), sample_rate_hz);
-        let snr = 10_f64.powf(0.1 * point.snr_db);
         let sums: Vec<Complex<f64>> =
-            seen.history().frames().map(|(_, samples)| coherent_sum(&looks, samples)).collect();
+            seen.history().frames().map(|(_, samples)| self.coherent_sum(samples)).collect();
         let noise = seen.history_noise_power();
         if sums.len() < MIN_FRAMES || noise <= 0.0 {
             return None;
         }
         let degrees = (sums.len() - 1) as f64;
         let excess = variance(&sums) / noise - 1.0;
-        Some((NOISE_SIGMAS / degrees.sqrt()).max(min_motion * snr) < excess)
+        Some((NOISE_SIGMAS / degrees.sqrt()).max(min_motion * from_db(snr_db)) < excess)
     }
 
-    /// The mean delay of the channels to a place, in whole samples.
-    #[expect(clippy::cast_possible_truncation, reason = "some thousand samples")]
-    fn mean_delay(&self, place_m: &Vector2<f64>, sample_rate_hz: f64) -> usize {
-        let looks = self.looks(place_m, sample_rate_hz);
-        let total: f64 = looks.iter().map(|(delay, _)| delay).sum();
-        (total / looks.len() as f64).clamp(0.0, 1e9) as usize
-    }
-
-    /// Where in each channel's profile the place is, in samples, and its carrier phasor.
-    fn looks(&self, place_m: &Vector2<f64>, sample_rate_hz: f64) -> Vec<(f64, Complex<f64>)> {
-        let legs_m = |antennas: &[[f64; 2]]| -> Vec<f64> {
-            let leg = |a: &[f64; 2]| self.wall.leg_path_m(place_m.x - a[0], place_m.y - a[1]);
-            antennas.iter().map(leg).collect()
+    /// The sum over all channels, interpolated linearly; beyond the profiles there is nothing.
+    #[expect(clippy::cast_possible_truncation, reason = "the whole part is meant")]
+    fn coherent_sum(&self, samples: &[Complex<f32>]) -> Complex<f64> {
+        let sample_count = samples.len() / self.of_channel.len().max(1);
+        let of_channel = |(channel, (delay, phasor)): (usize, &(f64, Complex<f64>))| {
+            let (index, weight) = (delay.max(0.0) as usize, delay.max(0.0).fract());
+            if sample_count < index + 2 {
+                return Complex::default();
+            }
+            let [a, b] = [0, 1].map(|step| double(samples[channel * sample_count + index + step]));
+            (a + (b - a) * weight) * phasor
         };
-        let (tx_m, rx_m) = (legs_m(&self.array.tx_m), legs_m(&self.array.rx_m));
-        let paths_m = tx_m.iter().flat_map(|tx| rx_m.iter().map(move |rx| tx + rx));
-        let look = |path_m: f64| {
-            let delay_s = path_m / SPEED_OF_LIGHT_M_PER_S;
-            (delay_s * sample_rate_hz, Complex::cis(TAU * self.carrier_hz * delay_s))
-        };
-        paths_m.map(look).collect()
+        self.of_channel.iter().enumerate().map(of_channel).sum()
     }
-}
-
-/// Whether the background at `delay` samples was learned for so long that it is that of the room.
-fn is_trusted(seen: &SlowFast, delay: usize) -> bool {
-    TRUSTED_FAST_TIMES * seen.fast_s() <= seen.learned_s(delay)
 }
 
 /// What lives, and where it did lately.
@@ -143,9 +150,9 @@ impl Living {
         self.seen_alive.retain(|place| (0.0..=breath_s).contains(&(time_s - place.time_s)));
         points.retain(|point| {
             let coords_m = Vector2::new(point.x_m, point.y_m);
-            let moves = self.focus.is_live(seen, point, sample_rate_hz);
-            let delay = self.focus.mean_delay(&coords_m, sample_rate_hz);
-            let trusted = is_trusted(seen, delay);
+            let looks = self.focus.looks(point, sample_rate_hz);
+            let (moves, delay) = (looks.is_live(seen, point.snr_db), looks.mean_delay());
+            let trusted = TRUSTED_FAST_TIMES * seen.fast_s() <= seen.learned_s(delay);
             if moves == Some(true) {
                 self.remember(Place { coords_m, time_s });
                 seen.hold(delay, time_s + breath_s, sample_rate_hz);
@@ -164,24 +171,6 @@ impl Living {
         self.seen_alive.retain(apart);
         self.seen_alive.push(newest);
     }
-}
-
-/// The sum over all channels, interpolated linearly; beyond the profiles there is nothing.
-#[expect(clippy::cast_possible_truncation, reason = "the whole part is meant")]
-fn coherent_sum(looks: &[(f64, Complex<f64>)], samples: &[Complex<f32>]) -> Complex<f64> {
-    let sample_count = samples.len() / looks.len().max(1);
-    let of_channel = |(channel, (delay, phasor)): (usize, &(f64, Complex<f64>))| {
-        let (index, weight) = (delay.max(0.0) as usize, delay.max(0.0).fract());
-        if sample_count < index + 2 {
-            return Complex::default();
-        }
-        let [a, b] = [0, 1].map(|step| {
-            let sample = samples[channel * sample_count + index + step];
-            Complex::new(f64::from(sample.re), f64::from(sample.im))
-        });
-        (a + (b - a) * weight) * phasor
-    };
-    looks.iter().enumerate().map(of_channel).sum()
 }
 
 /// `Σ |z − mean|² / (n − 1)`; 0 for fewer than two.

@@ -14,6 +14,7 @@ use super::config::Ghosts;
 use super::moments::{Polar, to_cartesian};
 use super::response::PointModel;
 use super::threshold::Peak;
+use crate::imaging::from_db;
 
 /// An echo inside the wall lies within these of where it should be, metres and sine: a good half
 /// of a resolution cell, for the permittivity is known to ±1 only.
@@ -82,10 +83,6 @@ fn is_wall_echo(strong: &Peak, peak: &Peak, model: &PointModel, echo_ratio: f64)
 
 fn place(peak: &Peak) -> Polar {
     Polar::new(peak.range_m, peak.sine)
-}
-
-fn from_db(value_db: f64) -> f64 {
-    10_f64.powf(0.1 * value_db)
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ const HALF_BOX_M: (f64, f64) = (1.2, 2.4);
 pub struct Region {
     /// Its peak.
     pub peak: Peak,
-    /// Pixel numbers, the peak among them.
+    /// Pixel numbers, ascending, the peak among them.
     pub pixels: Vec<usize>,
 }
 
@@ -26,17 +26,16 @@ pub fn regions(
     peaks: &[Peak],
     fraction: f32,
 ) -> Vec<Region> {
-    let mut taken = vec![false; amplitude.len()];
-    let mut kept = Vec::new();
+    let mut kept: Vec<Region> = Vec::new();
     for peak in peaks {
         let pixels = flood(image, amplitude, peak.index, fraction * amplitude[peak.index]);
-        if pixels.iter().any(|pixel| taken[*pixel]) {
-            continue;
+        // Pixels are sorted.
+        let is_taken = |pixel: &usize| {
+            kept.iter().any(|stronger| stronger.pixels.binary_search(pixel).is_ok())
+        };
+        if !pixels.iter().any(is_taken) {
+            kept.push(Region { peak: *peak, pixels });
         }
-        for pixel in &pixels {
-            taken[*pixel] = true;
-        }
-        kept.push(Region { peak: *peak, pixels });
     }
     kept
 }

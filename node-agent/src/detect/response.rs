@@ -10,6 +10,7 @@
 //! difference of delays, `Ď(t)` the largest `|D|` at `|t|` or beyond, `Σ'` over the channels that
 //! see the main lobe there and `Σ''` over those that see sidelobes, whose signs are not followed.
 
+use crate::imaging::double;
 use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector};
@@ -102,7 +103,7 @@ impl PointModel {
             let last = ((to_s * rate_hz) as usize).min(profile.len() - 1);
             let chosen = ((from_s * rate_hz).max(0.0) as usize..=last).step_by(stride);
             delays_s.push(chosen.clone().map(|n| n as f64 / rate_hz).collect::<Vec<f64>>());
-            values.extend(chosen.map(|n| Complex::new(profile[n].re.into(), profile[n].im.into())));
+            values.extend(chosen.map(|n| double(profile[n])));
         }
         let longest = delays_s.iter().max_by_key(|delays: &&Vec<f64>| delays.len())?;
         let whitening = self.whitening(longest)?.transpose();
@@ -124,13 +125,8 @@ impl PointModel {
 
     /// The delays of all channels to `place`, seconds.
     fn delays_s(&self, place: &Polar) -> Vec<f64> {
-        let place_m = to_cartesian(place);
-        let leg = |antenna: &[f64; 2]| {
-            let path_m = self.wall.leg_path_m(place_m.x - antenna[0], place_m.y - antenna[1]);
-            path_m / SPEED_OF_LIGHT_M_PER_S
-        };
-        let rx_s: Vec<f64> = self.array.rx_m.iter().map(leg).collect();
-        self.array.tx_m.iter().map(leg).flat_map(|tx| rx_s.iter().map(move |rx| tx + rx)).collect()
+        let paths_m = self.wall.channel_paths_m(&self.array, &to_cartesian(place));
+        paths_m.into_iter().map(|path_m| path_m / SPEED_OF_LIGHT_M_PER_S).collect()
     }
 
     /// What a point of reflectivity 1 at `place` gives in the samples of `patch`, whitened, and how

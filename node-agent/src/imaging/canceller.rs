@@ -99,6 +99,14 @@ impl CancellerConfig {
         }
     }
 
+    /// Two backgrounds that have seen nothing, if that is the mode.
+    fn slow_fast(&self, gates: Gates) -> Option<SlowFast> {
+        match *self {
+            Self::SlowFast { fast_s, slow_s } => Some(SlowFast::new(fast_s, slow_s, gates)),
+            _ => None,
+        }
+    }
+
     /// How long a pause may be until the background is out of date, seconds.
     fn memory_s(&self) -> f64 {
         match self {
@@ -157,18 +165,12 @@ impl Canceller {
     /// A canceller that has seen nothing.
     #[must_use]
     pub fn new(config: CancellerConfig, gates: Gates) -> Self {
-        let slow_fast = match config {
-            CancellerConfig::SlowFast { fast_s, slow_s } => {
-                Some(SlowFast::new(fast_s, slow_s, gates))
-            }
-            _ => None,
-        };
         Self {
             config,
             gates,
             clock: Clock::default(),
             background: Vec::new(),
-            slow_fast,
+            slow_fast: config.slow_fast(gates),
             given: None,
             outlier_count: 0,
             moving: Profiles { sample_count: 0, sample_rate_hz: 0.0, samples: Vec::new() },
@@ -208,16 +210,16 @@ impl Canceller {
         if self.clock.is_gap(since_last_s) && self.config.memory_s() < since_last_s {
             self.forget();
         }
-        if self.is_passing_outlier(profiles) {
+        if self.config != CancellerConfig::None {
+            self.keep(profiles);
+        }
+        if self.is_passing_outlier() {
             self.clock.last_s = Some(time_s);
             return Cancelled::WarmingUp;
         }
         // A new background has not learned through the pause before it.
         let elapsed_s = if self.clock.sweep_count == 0 { 0.0 } else { since_last_s };
         let known = self.background_is_known(time_s);
-        if self.config != CancellerConfig::None {
-            self.keep(profiles);
-        }
         match (&self.config, &mut self.slow_fast) {
             (CancellerConfig::None, _) => {}
             (CancellerConfig::Background, _) => subtract(&mut self.moving, &self.background),
@@ -232,12 +234,8 @@ impl Canceller {
         }
     }
 
-    /// Whether the sweep is not of the known scene; one too many of these begins a new scene.
-    fn is_passing_outlier(&mut self, profiles: &Profiles) -> bool {
-        if self.slow_fast.is_none() {
-            return false;
-        }
-        self.keep(profiles);
+    /// Whether the kept sweep is not of the known scene; one too many of these begins a new scene.
+    fn is_passing_outlier(&mut self) -> bool {
         let Some(slow_fast) = &self.slow_fast else { return false };
         if !slow_fast.is_outlier(&self.moving) {
             self.outlier_count = 0;
@@ -257,12 +255,9 @@ impl Canceller {
     fn forget(&mut self) {
         self.clock.sweep_count = 0;
         self.background.clear();
-        if let CancellerConfig::SlowFast { fast_s, slow_s } = self.config {
-            let mut slow_fast = SlowFast::new(fast_s, slow_s, self.gates);
-            if let Some(given) = &self.given {
-                slow_fast.start_from(given);
-            }
-            self.slow_fast = Some(slow_fast);
+        self.slow_fast = self.config.slow_fast(self.gates);
+        if let (Some(slow_fast), Some(given)) = (&mut self.slow_fast, &self.given) {
+            slow_fast.start_from(given);
         }
     }
 

@@ -5,6 +5,7 @@
 //! does to a channel (`calibration`) is undone by the same weights, which are then complex.
 //! Cost `N log N` for each channel.
 
+use crate::imaging::single_complex;
 use std::fmt;
 use std::sync::Arc;
 
@@ -91,7 +92,7 @@ impl Compressor {
         let of_channel = |channel: usize| {
             window.iter().enumerate().map(move |(k, weight)| {
                 let undo = calibration.correction(channel, band.frequency_hz(k));
-                weight * Complex::new(single(undo.re), single(undo.im))
+                weight * single_complex(undo)
             })
         };
         self.weights = (0..channel_count).flat_map(of_channel).collect();
@@ -186,7 +187,7 @@ mod tests {
         let t_s = 100.0 / (2048.0 * band.step_hz);
         let samples: Vec<Complex<f32>> = (0..301)
             .map(|k| Complex::cis(-TAU * band.frequency_hz(k) * t_s) * 0.7)
-            .map(|s| Complex::new(single(s.re), single(s.im)))
+            .map(single_complex)
             .collect();
         let profiles = compressor.compress(&samples);
         let peak = profiles.samples[100];

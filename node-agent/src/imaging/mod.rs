@@ -66,3 +66,18 @@ pub(crate) fn invalid(
 pub(crate) fn single(value: f64) -> f32 {
     value as f32
 }
+
+/// [`single`] of both parts.
+pub(crate) fn single_complex(value: Complex<f64>) -> Complex<f32> {
+    Complex::new(single(value.re), single(value.im))
+}
+
+/// A sample in double precision: what sums over many are taken in.
+pub(crate) fn double(sample: Complex<f32>) -> Complex<f64> {
+    Complex::new(f64::from(sample.re), f64::from(sample.im))
+}
+
+/// The ratio of powers of `value_db`.
+pub(crate) fn from_db(value_db: f64) -> f64 {
+    10_f64.powf(0.1 * value_db)
+}

@@ -21,7 +21,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use proto::measured::{MeasuredPoint, packed, symmetric};
-use proto::radar::Wall;
+use proto::radar::{Array, Wall};
 
 use super::InvalidSetting;
 
@@ -130,6 +130,16 @@ impl WallModel {
             Self::None => 0.0,
             Self::Refraction(wall) | Self::FixedDelay(wall) => wall.thickness_m,
         }
+    }
+
+    /// Optical paths in metres there and back by each channel, `t · rx_count + r`, of a place in the
+    /// node's frame.
+    #[must_use]
+    pub fn channel_paths_m(&self, array: &Array, place_m: &Vector2<f64>) -> Vec<f64> {
+        let leg =
+            |antenna: &[f64; 2]| self.leg_path_m(place_m.x - antenna[0], place_m.y - antenna[1]);
+        let rx_m: Vec<f64> = array.rx_m.iter().map(leg).collect();
+        array.tx_m.iter().map(leg).flat_map(|tx| rx_m.iter().map(move |rx| tx + rx)).collect()
     }
 
     /// Checks the wall's numbers.

@@ -1,7 +1,7 @@
 //! Recorded echoes to points and pictures: the node's chain, run over a file.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use indicatif::ProgressBar;
 use proto::ids::NodeId;
@@ -14,6 +14,7 @@ use super::pictures::Pictures;
 use super::sink::PeriodSink;
 use super::wall::{WallFound, WallSource, find_wall};
 use crate::imaging::canceller::CancellerConfig;
+use crate::imaging::{InvalidSetting, Sweep};
 use crate::lines::PointsLine;
 use crate::pipeline::{Chain, ChainConfig, ChainError, ChainState};
 use crate::recording::{Recording, RecordingError};
@@ -78,14 +79,6 @@ pub enum ProcessError {
         /// What the chain says.
         reason: ChainError,
     },
-    /// A background is wanted that is not there.
-    #[error(
-        "recording {path:?}: chain.canceller is background, but there is no array of this name in it; add it, or use another canceller"
-    )]
-    NoBackground {
-        /// The file.
-        path: PathBuf,
-    },
     /// A result cannot be written.
     #[error("writing {what}: {reason}")]
     Write {
@@ -116,69 +109,31 @@ pub fn process(
     progress: &ProgressBar,
     stop: &CancellationToken,
 ) -> Result<Processed, ProcessError> {
-    let mut recording = job.echoes.open()?;
-    let wanted = job.echoes.period_count.unwrap_or(u64::MAX);
-    progress.set_length(recording.period_count().min(wanted));
-    let wall = match options.wall {
-        WallSource::Configured => None,
-        WallSource::Estimated => find_wall(&mut recording, &job.echoes.path)?,
-    };
-    let mut chain = chain_of(&recording, options, wall.as_ref(), &job.echoes.path)?;
-    let mut pictures = options.images.as_deref().map(Pictures::create).transpose();
-    let mut run = Run {
-        job,
-        options,
-        chain: &mut chain,
-        pictures: pictures.as_mut().map_err(|error| writing("images", error))?.as_mut(),
-        done: Processed {
-            recording: job.echoes.path.clone(),
-            node: job.node.clone(),
-            period_count: 0,
-            warming_up_count: 0,
-            point_count: 0,
-            own_background: recording.header().background.is_some()
-                && options.chain.canceller == CancellerConfig::default(),
-            times_assumed: recording.times().are_assumed(),
-            wall,
-        },
-    };
-    let outcome = run.through(&mut recording, sink, progress, stop);
-    let finished = run.finish();
+    let outcome = Run::begin(job, options, progress)
+        .and_then(|(mut run, recording)| run.through(recording, sink, progress, stop));
     progress.finish_and_clear();
     let sealed = if outcome.is_ok() { sink.finish() } else { sink.abandon() };
-    outcome?;
-    finished?;
+    let done = outcome?;
     sealed.map_err(|error| writing("points", &error))?;
-    Ok(run.done)
+    Ok(done)
 }
 
-/// The chain for the radar of `recording`.
-fn chain_of(
+/// The settings of the chain for `recording`. What was chosen stays; the default canceller gives way
+/// to a background that was recorded.
+fn config_of(
     recording: &Recording,
     options: &Options,
     wall: Option<&WallFound>,
-    path: &Path,
-) -> Result<Chain, ProcessError> {
-    let refused = |reason| ProcessError::Chain { path: path.to_owned(), reason };
-    let header = recording.header();
-    let mut config =
-        ChainConfig { band: header.band, array: header.array.clone(), ..options.chain.clone() };
+) -> Result<ChainConfig, InvalidSetting> {
+    let mut config = options.chain.clone();
     if let Some(wall) = wall {
         config.wall = wall.model();
     }
-    config.fit_length();
-    if header.background.is_none() && config.canceller == CancellerConfig::Background {
-        return Err(ProcessError::NoBackground { path: path.to_owned() });
-    }
-    // What was chosen stays; the default gives way to what was recorded.
+    let header = recording.header();
     if header.background.is_some() && config.canceller == CancellerConfig::default() {
         config.canceller = CancellerConfig::Background;
     }
-    let mut chain = Chain::new(&config).map_err(refused)?;
-    if let Some(background) = &header.background {
-        chain.use_background(background).map_err(refused)?;
-    }
-    Ok(chain)
+    header.fitted(config)
 }
 
 fn writing(what: &str, error: &io::Error) -> ProcessError {
@@ -190,13 +145,64 @@ fn writing(what: &str, error: &io::Error) -> ProcessError {
 struct Run<'a> {
     job: &'a Job,
     options: &'a Options,
-    chain: &'a mut Chain,
-    pictures: Option<&'a mut Pictures>,
+    chain: Chain,
+    pictures: Option<Pictures>,
     done: Processed,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    /// Opens the recording and builds its chain.
+    fn begin(
+        job: &'a Job,
+        options: &'a Options,
+        progress: &ProgressBar,
+    ) -> Result<(Self, Recording), ProcessError> {
+        let path = &job.echoes.path;
+        let mut recording = job.echoes.open()?;
+        let wanted = job.echoes.period_count.unwrap_or(u64::MAX);
+        progress.set_length(recording.period_count().min(wanted));
+        let wall = match options.wall {
+            WallSource::Configured => None,
+            WallSource::Estimated => find_wall(&mut recording, path)?,
+        };
+        let refused = |reason| ProcessError::Chain { path: path.clone(), reason };
+        let config = config_of(&recording, options, wall.as_ref());
+        let config = config.map_err(|error| refused(error.into()))?;
+        let mut chain = Chain::new(&config).map_err(refused)?;
+        if let Some(background) = &recording.header().background {
+            chain.use_background(background).map_err(refused)?;
+        }
+        let pictures = options.images.as_deref().map(Pictures::create).transpose();
+        let done = Processed {
+            recording: path.clone(),
+            node: job.node.clone(),
+            period_count: 0,
+            warming_up_count: 0,
+            point_count: 0,
+            own_background: config.canceller == CancellerConfig::Background,
+            times_assumed: recording.times().are_assumed(),
+            wall,
+        };
+        let pictures = pictures.map_err(|error| writing("images", &error))?;
+        Ok((Self { job, options, chain, pictures, done }, recording))
+    }
+
+    /// Processes period after period. Images are written also of a recording that breaks off.
     fn through(
+        &mut self,
+        mut recording: Recording,
+        sink: &mut dyn PeriodSink,
+        progress: &ProgressBar,
+        stop: &CancellationToken,
+    ) -> Result<Processed, ProcessError> {
+        let outcome = self.periods(&mut recording, sink, progress, stop);
+        let written = self.pictures.as_mut().map_or(Ok(()), Pictures::finish);
+        outcome?;
+        written.map_err(|error| writing("images", &error))?;
+        Ok(self.done.clone())
+    }
+
+    fn periods(
         &mut self,
         recording: &mut Recording,
         sink: &mut dyn PeriodSink,
@@ -216,11 +222,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn period(
-        &mut self,
-        sweep: &crate::imaging::Sweep,
-        sink: &mut dyn PeriodSink,
-    ) -> Result<(), ProcessError> {
+    fn period(&mut self, sweep: &Sweep, sink: &mut dyn PeriodSink) -> Result<(), ProcessError> {
         let refused = |reason| ProcessError::Chain { path: self.job.echoes.path.clone(), reason };
         let measured = self.chain.process_sweep(sweep).map_err(refused)?;
         let period = self.done.period_count;
@@ -247,11 +249,6 @@ impl Run<'_> {
         let title = format!("{node}, period {period}, {:.2} s", sweep.time_s);
         let name = format!("{node}-{period:05}");
         let written = pictures.take(&name, title, measured.image.to_image(), &measured.points);
-        written.map_err(|error| writing("images", &error))
-    }
-
-    fn finish(&mut self) -> Result<(), ProcessError> {
-        let written = self.pictures.as_mut().map_or(Ok(()), |pictures| pictures.finish());
         written.map_err(|error| writing("images", &error))
     }
 }

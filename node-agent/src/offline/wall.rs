@@ -6,13 +6,12 @@ use rustfft::num_complex::Complex;
 use serde::Serialize;
 
 use super::process::ProcessError;
-use crate::imaging::single;
 use crate::imaging::wall::WallModel;
 use crate::imaging::wall_estimate::{
     AssumedWall, EstimatedWall, WallEstimator, WallOutcome, WallSearch, WhyNot,
 };
 use crate::pipeline::ChainError;
-use crate::recording::Recording;
+use crate::recording::{Recording, SweepMean};
 
 /// Sweeps of which the mean is taken, at most: people who walk leave little in it.
 const MEAN_SWEEP_COUNT: u64 = 256;
@@ -115,16 +114,11 @@ pub(super) fn find_wall(
 /// The mean of sweeps spread over the recording.
 fn mean_sweep(recording: &mut Recording) -> Result<Vec<Complex<f32>>, ProcessError> {
     let stride = recording.period_count().div_ceil(MEAN_SWEEP_COUNT).max(1);
-    let mut sum: Vec<Complex<f64>> = Vec::new();
-    let mut count = 0.0;
+    let mut mean = SweepMean::default();
     while let Some(sweep) = recording.next_sweep()? {
-        sum.resize(sweep.samples.len(), Complex::default());
-        for (total, sample) in sum.iter_mut().zip(&sweep.samples) {
-            *total += Complex::new(f64::from(sample.re), f64::from(sample.im));
-        }
-        count += 1.0;
+        mean.add(&sweep.samples);
         recording.skip_sweeps(stride - 1)?;
     }
     recording.rewind()?;
-    Ok(sum.iter().map(|s| Complex::new(single(s.re / count), single(s.im / count))).collect())
+    Ok(mean.mean())
 }

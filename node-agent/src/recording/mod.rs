@@ -12,11 +12,14 @@ use std::path::{Path, PathBuf};
 use proto::radar::{Array, Band};
 use rustfft::num_complex::Complex;
 
-use crate::imaging::Sweep;
+use crate::imaging::canceller::CancellerConfig;
+use crate::imaging::{InvalidSetting, Sweep, invalid};
+use crate::pipeline::ChainConfig;
 
 mod bytes;
 mod check;
 mod error;
+mod mean;
 mod npy;
 mod npz;
 mod numbers;
@@ -36,6 +39,7 @@ use check::SweepShape;
 use numbers::NumberType;
 
 pub use error::{Place, RecordingError, RecordingFault};
+pub(crate) use mean::SweepMean;
 pub use phase::{PhaseSign, phase_sign};
 pub use write::{NpzPacking, RecordingWriter};
 
@@ -59,6 +63,20 @@ pub struct RecordingHeader {
     pub background: Option<Vec<Complex<f32>>>,
     /// Name of the node that recorded.
     pub node: Option<String>,
+}
+
+impl RecordingHeader {
+    /// The settings `chain` for the radar of this recording.
+    ///
+    /// # Errors
+    /// If they want a background that the recording has not.
+    pub fn fitted(&self, chain: ChainConfig) -> Result<ChainConfig, InvalidSetting> {
+        if self.background.is_none() && chain.canceller == CancellerConfig::Background {
+            let remedy = "the recording has no array of this name: use another canceller";
+            return Err(invalid("chain.canceller", chain.canceller, remedy));
+        }
+        Ok(chain.with_radar(self.band, self.array.clone()))
+    }
 }
 
 /// When sweeps were taken.

@@ -5,6 +5,7 @@
 //! `1/Δf`, so that moving echoes lie in the first half of that interval, and in the second half if
 //! the sign is the opposite one. Noise lies in both.
 
+use crate::imaging::double;
 use proto::radar::Band;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -87,7 +88,7 @@ fn power_over_delay(sweeps: &[Sweep], still: &[Complex<f32>], cell_count: usize)
         for (samples, still_samples) in channels {
             for (k, cell) in profile.iter_mut().enumerate() {
                 let moving = samples[k] - still_samples[k];
-                *cell = Complex::new(f64::from(moving.re), f64::from(moving.im)) * weights[k];
+                *cell = double(moving) * weights[k];
             }
             transform.process(&mut profile);
             power.iter_mut().zip(&profile).for_each(|(sum, cell)| *sum += cell.norm_sqr());

@@ -17,7 +17,7 @@ use super::check::{self, SweepShape};
 use super::error::RecordingFault;
 use super::numbers::{ByteOrder, NumberKind, NumberType, Width};
 use super::{Contents, PeriodTimes, RecordingHeader, SampleOrder, Samples};
-use crate::imaging::single;
+use crate::recording::SweepMean;
 
 /// Largest metadata read.
 pub(super) const MAX_META_BYTES: u64 = 1 << 24;
@@ -235,19 +235,11 @@ fn background(
 ) -> Result<Option<Vec<Complex<f32>>>, RecordingFault> {
     let name = qualified(field::BACKGROUND_COUNT);
     check::at_most(&name, count, MAX_BACKGROUND_COUNT, "sweeps")?;
-    let mut sum: Vec<Complex<f64>> = Vec::new();
+    let mut mean = SweepMean::default();
     for index in 0..count {
-        let sweep = samples.read(source, index)?;
-        sum.resize(sweep.len(), Complex::default());
-        for (total, sample) in sum.iter_mut().zip(&sweep) {
-            *total += Complex::new(f64::from(sample.re), f64::from(sample.im));
-        }
+        mean.add(&samples.read(source, index)?);
     }
-    let mean = |total: &Complex<f64>| {
-        let mean = total / count as f64;
-        Complex::new(single(mean.re), single(mean.im))
-    };
-    Ok((0 < count).then(|| sum.iter().map(mean).collect()))
+    Ok((0 < count).then(|| mean.mean()))
 }
 
 fn qualified(key: &str) -> String {

@@ -4,6 +4,7 @@
 //! antennas plus one inside the radio, and a few weaker copies, delays `θ_i` of 1 to 10 ns, which
 //! make ripples over the band. `A_tr`, `θ_i` and `φ_i` are drawn for every channel and stay.
 
+use crate::imaging::from_db;
 use std::f64::consts::TAU;
 
 use rand::RngExt;
@@ -14,7 +15,6 @@ use proto::radar::SPEED_OF_LIGHT_M_PER_S;
 
 use crate::imaging::{InvalidSetting, invalid};
 
-use super::noise::from_db;
 use super::streams::{Purpose, Streams};
 
 /// Delays of the copies that make ripples, seconds.

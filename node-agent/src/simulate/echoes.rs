@@ -8,6 +8,7 @@
 //! image, and their root for each way. A sweep is a function of the seed, the period and the time
 //! alone. Cost `scatterers · frequencies · (antennas · ways + channels)`.
 
+use crate::imaging::{from_db, single_complex};
 use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
@@ -18,11 +19,11 @@ use serde::{Deserialize, Serialize};
 use proto::geom::{Node, Point, Se2, World};
 use proto::radar::{Array, Band, Grid};
 
-use crate::imaging::{InvalidSetting, Sweep, single};
+use crate::imaging::{InvalidSetting, Sweep};
 
 use super::body::Walker;
 use super::mirrors::Mirror;
-use super::noise::{Disturbance, from_db};
+use super::noise::Disturbance;
 use super::receiver::factors;
 use super::scene::{Scene, Target, TargetKind};
 use super::slab::Slab;
@@ -125,7 +126,7 @@ impl EchoSimulator {
     pub fn sweep(&self, period_index: u64, time_s: f64) -> Sweep {
         let mut samples = self.received(Moment { period_index, time_s });
         self.add_noise(&mut samples, period_index);
-        let samples = samples.iter().map(|s| Complex::new(single(s.re), single(s.im))).collect();
+        let samples = samples.into_iter().map(single_complex).collect();
         Sweep { time_s, samples }
     }
 

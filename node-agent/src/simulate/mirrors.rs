@@ -7,12 +7,12 @@
 //! `1 − (1 − 10^(−loss_db/20)) exp(−ρ²/(2 w²))`, a smooth stand-in for diffraction.
 //! Assumes flat mirrors of one reflection coefficient and opposite phase, whatever the angle.
 
+use crate::imaging::from_db;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::imaging::{InvalidSetting, invalid};
 
-use super::noise::from_db;
 use super::slab::Slab;
 
 /// An echo's place is inside a mirror, and not at its end, by this, metres.

@@ -7,6 +7,7 @@
 //! padded with zeros \[registration, section 3\]. Only the share `K/N` of it lies in the band and
 //! can be in a sweep: `v = K² A² / (N SNR)`, an SNR in the band that is `N/K` times higher.
 
+use crate::imaging::from_db;
 use serde::{Deserialize, Serialize};
 
 use crate::imaging::{InvalidSetting, invalid};
@@ -48,12 +49,6 @@ impl Noise {
             }
         }
     }
-}
-
-/// The ratio of powers of `value_db`.
-#[must_use]
-pub fn from_db(value_db: f64) -> f64 {
-    10_f64.powf(0.1 * value_db)
 }
 
 /// What spoils the sweeps.

@@ -5,13 +5,13 @@
 //! and of the channel, `W` Brownian motion, `G(t) = trend t/60 + rms F(t/correlation)` in decibels
 //! with a smooth `F` of variance 1.
 
+use crate::imaging::from_db;
 use rustfft::num_complex::Complex;
 use serde::{Deserialize, Serialize};
 
 use crate::imaging::{InvalidSetting, invalid};
 
 use super::fading::{Fading, brownian};
-use super::noise::from_db;
 use super::streams::{Moment, Purpose, Streams};
 
 /// How the phase wanders.

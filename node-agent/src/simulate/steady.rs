@@ -3,6 +3,7 @@
 //! What people shade is kept apart: in each sweep every channel of such an echo is weighted by what
 //! people leave of the two straight rays from its antennas to its place of reflection.
 
+use crate::imaging::from_db;
 use nalgebra::Vector2;
 use rustfft::num_complex::Complex;
 
@@ -10,7 +11,6 @@ use proto::geom::Point;
 
 use super::echoes::EchoSimulator;
 use super::mirrors::Mirror;
-use super::noise::from_db;
 use super::scene::{Clutter, TargetKind};
 use super::spectra::Spectra;
 use super::streams::Moment;

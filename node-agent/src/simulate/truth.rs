@@ -1,11 +1,11 @@
 //! What is truly in a sweep: targets, what hides them, and the ghosts they cast.
 
+use crate::imaging::from_db;
 use nalgebra::Vector2;
 
 use proto::geom::{Node, Point};
 
 use super::echoes::EchoSimulator;
-use super::noise::from_db;
 use super::scene::TargetKind;
 
 /// Shadows that take less than this of an amplitude cast no ghost worth naming.

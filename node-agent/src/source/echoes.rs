@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use rustfft::num_complex::Complex;
 use serde::{Deserialize, Serialize};
 
 use super::{Frame, SourceError, SweepSource};
@@ -62,12 +61,6 @@ impl Echoes {
     #[must_use]
     pub fn recording(&self) -> &Recording {
         &self.recording
-    }
-
-    /// The scene without targets, if the recording has it.
-    #[must_use]
-    pub fn background(&self) -> Option<Vec<Complex<f32>>> {
-        self.recording.header().background.clone()
     }
 }
 

@@ -43,11 +43,9 @@ pub enum SourceError {
     /// The live source is not played.
     #[error("source is live: it cannot be played, only followed by a running agent")]
     Live,
-    /// A background is wanted that is not there.
-    #[error(
-        "chain.canceller is background, which only recorded echoes with an array of this name have: use another one"
-    )]
-    NoBackground,
+    /// The chain's settings do not go with the recording.
+    #[error("configuration: {0}")]
+    Chain(InvalidSetting),
     /// There are fewer periods than were stated.
     #[error("period {period} is not in the recording: it ended before")]
     Ended {

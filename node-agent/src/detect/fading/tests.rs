@@ -60,7 +60,7 @@ fn point(x_m: f64, y_m: f64, snr_db: f64) -> MeasuredPoint {
 fn alive<const N: usize>(canceller: &mut Canceller, places: [(f64, f64); N]) -> [bool; N] {
     let seen = canceller.slow_fast_mut().unwrap();
     places.map(|(x_m, y_m)| {
-        focus().is_live(seen, &point(x_m, y_m, 25.0), SAMPLE_RATE_HZ) != Some(false)
+        focus().looks(&point(x_m, y_m, 25.0), SAMPLE_RATE_HZ).is_live(seen, 25.0) != Some(false)
     })
 }
 
@@ -74,8 +74,8 @@ fn the_coherent_sum_is_the_matched_filter() {
     let profiles = Compressor::new(&Band::default(), &weights, 2048)
         .compress(&simulator.sweep(0, 0.0).samples);
     let at = |x_m: f64, y_m: f64| {
-        let looks = focus().looks(&Vector2::new(x_m, y_m), SAMPLE_RATE_HZ);
-        coherent_sum(&looks, &profiles.samples)
+        let looks = focus().looks(&point(x_m, y_m, 25.0), SAMPLE_RATE_HZ);
+        looks.coherent_sum(&profiles.samples)
     };
     // 8 channels of amplitude 1 with phase 0; linear interpolation errs by 1 % of the amplitude.
     assert!((at(1.0, 6.0) - Complex::new(8.0, 0.0)).norm() < 0.15, "{}", at(1.0, 6.0));

@@ -8,6 +8,7 @@
 //! `w = 1 / max(1, energy over noise)²`. Where echoes are too weak to tell a drift, the prior keeps `δ`
 //! at nothing, and targets lose nothing to it.
 
+use crate::imaging::double;
 use rustfft::num_complex::Complex;
 
 /// Prior standard deviation of `δ` between two sweeps: what radios drift by in a second, so that
@@ -78,12 +79,11 @@ struct Scaling {
 
 impl Scaling {
     fn of<'a>(pairs: impl Iterator<Item = (&'a Complex<f32>, &'a Complex<f32>)>) -> Self {
-        let double = |z: &Complex<f32>| Complex::new(f64::from(z.re), f64::from(z.im));
         let none = Self { product: Complex::new(0.0, 0.0), known: 0.0, power: 0.0, count: 0.0 };
         pairs.step_by(STRIDE).fold(none, |sum, (x, b)| Self {
-            product: sum.product + double(b).conj() * double(x),
-            known: sum.known + double(b).norm_sqr(),
-            power: sum.power + double(x).norm_sqr(),
+            product: sum.product + double(*b).conj() * double(*x),
+            known: sum.known + double(*b).norm_sqr(),
+            power: sum.power + double(*x).norm_sqr(),
             count: sum.count + 1.0,
         })
     }
@@ -124,7 +124,7 @@ pub fn gain_change(samples: &[Complex<f32>], known: &Backgrounds<'_>, doubt: f64
         let (b, weight) =
             if is_live { (known.fast[n], known.live_weight[n]) } else { (known.slow[n], 1.0) };
         let term = b.conj() * (samples[n] - b) * weight;
-        product += Complex::new(f64::from(term.re), f64::from(term.im));
+        product += double(term);
         power += f64::from(b.norm_sqr() * weight);
     }
     product / (power + doubt).max(f64::MIN_POSITIVE)
@@ -156,7 +156,7 @@ mod tests {
     fn a_change_of_gain_is_seen_on_strong_echoes_and_not_on_weak_ones() {
         let wanted = Complex::new(3e-4, -5e-4);
         let now: Vec<Complex<f32>> = echoes(1e3).iter().map(|b| b + b * wanted).collect();
-        let want = Complex::new(f64::from(wanted.re), f64::from(wanted.im));
+        let want = double(wanted);
         for weight in [0.0, 0.3] {
             let got = change(&now, &echoes(1e3), &[weight; 300]);
             assert!((got - want).norm() < 2e-6, "{got}");
@@ -188,7 +188,7 @@ mod tests {
         };
         for factor in [Complex::cis(1.0_f32), Complex::new(-1.0, 0.0), Complex::new(1e4, 0.0)] {
             let got = step(&turned(factor), &before, &GRAIN).unwrap();
-            let want = Complex::new(f64::from(factor.re), f64::from(factor.im));
+            let want = double(factor);
             assert!((got - want).norm() < 1e-4 * want.norm(), "{got}");
         }
         assert_eq!(step(&turned(Complex::new(1.01, 0.01)), &before, &GRAIN), None);

@@ -19,6 +19,7 @@
 //! A step of a channel's gain or phase (`x ≈ g f` over all gates) scales its backgrounds; a sweep
 //! whose power is far off, and that no step explains, teaches nothing.
 
+use crate::imaging::single_complex;
 use rustfft::num_complex::Complex;
 
 use proto::radar::SPEED_OF_LIGHT_M_PER_S;
@@ -235,7 +236,7 @@ impl SlowFast {
             power_change += step.map_or(1.0, |step| step.norm_sqr()) / channel_count;
             let Some(step) = step else { continue };
             *gain *= step;
-            let scale = Complex::new(single(step.re), single(step.im));
+            let scale = single_complex(step);
             fast.iter_mut().chain(slow).for_each(|b| *b *= scale);
         }
         self.noise_power *= power_change;
@@ -258,7 +259,7 @@ impl SlowFast {
             };
             let change = drift::gain_change(samples, &known, doubt);
             self.gains[channel] *= change + 1.0;
-            self.changes[channel] = Complex::new(single(change.re), single(change.im));
+            self.changes[channel] = single_complex(change);
         }
     }
 
@@ -407,8 +408,7 @@ impl History {
         *frame_s = time_s;
         samples.clear();
         for (channel, gain) in profiles.channels().zip(gains) {
-            let undo = gain.inv();
-            let undo = Complex::new(single(undo.re), single(undo.im));
+            let undo = single_complex(gain.inv());
             samples.extend(channel.iter().map(|x| x * undo));
         }
     }

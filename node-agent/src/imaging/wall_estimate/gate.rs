@@ -8,6 +8,7 @@
 //! noise stays white, an echo at `τ` becomes the real vector `Λ^{−1/2} Uᵀ D(τ_j − τ)`.
 //! Cost: one eigenvalue problem of `J ≈ 2 · interval / cell`, then `K J` for each channel.
 
+use crate::imaging::double;
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{DMatrix, DVector};
@@ -78,7 +79,7 @@ impl Gate {
             let mut turn = Complex::cis(-TAU * self.step_hz * middle * t_s);
             let mut sum = Complex::new(0.0, 0.0);
             for sample in sweep {
-                sum += Complex::new(f64::from(sample.re), f64::from(sample.im)) * turn;
+                sum += double(*sample) * turn;
                 turn *= step;
             }
             sum
