@@ -32,7 +32,8 @@ fn problem(size: &Size) -> Problem {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let pose_node_from_ref = Se2::<Ref, Node>::new(-5.0, 5.0, -1.3).inverse();
     let mut periods = vec![Period::default(); size.period_count];
-    for period in &mut periods {
+    for (k, period) in periods.iter_mut().enumerate() {
+        (period.ref_time_s, period.node_time_s) = (k as f64, k as f64);
         for index in 0..=size.target_count {
             let mut draw =
                 || Point::<Ref>::new(rng.random_range(-4.0..4.0), rng.random_range(1.0..9.0));
@@ -46,7 +47,7 @@ fn problem(size: &Size) -> Problem {
             period.in_node.push(noisy(pose_node_from_ref * there, size, &mut rng));
         }
     }
-    Problem { periods }
+    Problem { periods, ..Problem::default() }
 }
 
 fn benches(criterion: &mut Criterion) {

@@ -4,6 +4,8 @@ pub mod cli;
 pub mod config;
 pub mod fuse;
 pub mod gather;
+pub mod network;
 pub mod pipeline;
 pub mod registration;
 pub mod service;
+pub mod simulate;

@@ -35,16 +35,19 @@ impl MeasuredPoint {
     #[must_use]
     pub fn middle(&self, half_depth_m: f64, half_depth_sigma_m: f64) -> Gaussian<Node> {
         let surface = self.position();
-        let range_m = surface.mean.coords_m.norm();
-        if range_m <= f64::EPSILON {
-            return surface;
-        }
-        let outward: Vector2<f64> = surface.mean.coords_m / range_m;
+        let outward = line_of_sight(&surface.mean.coords_m);
         Gaussian {
             mean: Point::from_coords(surface.mean.coords_m + outward * half_depth_m),
             cov_m2: surface.cov_m2 + outward * outward.transpose() * half_depth_sigma_m.powi(2),
         }
     }
+}
+
+/// The unit vector from a node at the origin to `position_m`; zero at the origin itself.
+#[must_use]
+pub fn line_of_sight(position_m: &Vector2<f64>) -> Vector2<f64> {
+    let range_m = position_m.norm();
+    if range_m <= f64::EPSILON { Vector2::zeros() } else { position_m / range_m }
 }
 
 /// The matrix of `[xx, xy, yy]`.

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use proto::geom::{Gaussian, Node};
 use proto::ids::BootId;
+use proto::measured::line_of_sight;
 use proto::time::{CentreTime, ClockEstimate};
 use proto::wire::{PointSet, Received};
 
@@ -30,10 +31,20 @@ pub enum Life {
 /// One point and how strong it was.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeptPoint {
-    /// The middle of the target in the node's frame.
+    /// The middle of the target in the node's frame, without the error of the half depth.
     pub position: Gaussian<Node>,
     /// Power over noise, decibels of power.
     pub snr_db: f64,
+}
+
+impl KeptPoint {
+    /// The position with the error of the half depth.
+    #[must_use]
+    pub fn with_half_depth_error(&self, half_depth_sigma_m: f64) -> Gaussian<Node> {
+        let outward = line_of_sight(&self.position.mean.coords_m);
+        let variance_m2 = outward * outward.transpose() * half_depth_sigma_m.powi(2);
+        Gaussian { mean: self.position.mean, cov_m2: self.position.cov_m2 + variance_m2 }
+    }
 }
 
 /// A set as it is kept.
@@ -49,6 +60,8 @@ pub struct KeptSet {
     pub arrival: CentreTime,
     /// The targets' middles.
     pub points: Vec<KeptPoint>,
+    /// Standard deviation of the targets' half depth, metres.
+    pub half_depth_sigma_m: f64,
 }
 
 impl KeptSet {
@@ -57,11 +70,12 @@ impl KeptSet {
     pub fn new(time: CentreTime, arrival: CentreTime, set: &Received<PointSet>) -> Self {
         let PointSet { half_depth_m, half_depth_sigma_m, points, .. } = &set.body;
         let points = points.iter().map(|point| KeptPoint {
-            position: point.middle(*half_depth_m, *half_depth_sigma_m),
+            position: point.middle(*half_depth_m, 0.0),
             snr_db: point.snr_db,
         });
         let (boot, sequence) = (set.stamp.boot, set.stamp.sequence);
-        Self { boot, sequence, time, arrival, points: points.collect() }
+        let (points, half_depth_sigma_m) = (points.collect(), *half_depth_sigma_m);
+        Self { boot, sequence, time, arrival, points, half_depth_sigma_m }
     }
 }
 

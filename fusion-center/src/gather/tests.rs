@@ -201,7 +201,10 @@ fn a_period_closes_when_complete_and_waits_no_longer_than_allowed() {
 fn the_half_depth_moves_points_outward_once() {
     let mut gather = gather();
     offer(&mut gather, "n1", 0);
-    let kept = gather.node(&id("n1")).unwrap().sets()[&0].points[0].position;
+    let set = &gather.node(&id("n1")).unwrap().sets()[&0];
+    let kept = set.points[0].position;
     assert!((kept.mean.y_m() - 2.5).abs() < 1e-12);
-    assert!((kept.cov_m2[(1, 1)] - 0.02).abs() < 1e-12);
+    assert!((kept.cov_m2[(1, 1)] - 0.01).abs() < 1e-12);
+    let widened = set.points[0].with_half_depth_error(set.half_depth_sigma_m);
+    assert!((widened.cov_m2[(1, 1)] - 0.02).abs() < 1e-12);
 }

@@ -269,7 +269,11 @@ impl Centre {
             let Some((pose_ref_from_node, covariance)) = self.poses.pose(node) else { continue };
             sightings.extend(set.points.iter().map(|point| Sighting {
                 node: node.clone(),
-                position: place(pose_ref_from_node, &covariance, point.position),
+                position: place(
+                    pose_ref_from_node,
+                    &covariance,
+                    point.with_half_depth_error(set.half_depth_sigma_m),
+                ),
                 snr_db: point.snr_db,
             }));
         }

@@ -240,17 +240,29 @@ fn job(gather: &Gather, reference: &NodeId, node: &NodeId) -> Option<Job> {
         count,
         last_arrival,
     };
-    let periods = pairs.iter().map(|(in_ref, in_node)| period(in_ref, in_node)).collect();
-    Some(Job { node: node.clone(), problem: Problem { periods }, sets, known: None, generation: 0 })
+    Some(Job { node: node.clone(), problem: problem(&pairs), sets, known: None, generation: 0 })
 }
 
-fn period(reference: &KeptSet, node: &KeptSet) -> Period {
+fn problem(pairs: &[(&KeptSet, &KeptSet)]) -> Problem {
+    let origin = pairs.first().map_or(CentreTime(0), |(in_ref, _)| in_ref.time);
+    let largest = |sigmas: &mut dyn Iterator<Item = f64>| sigmas.fold(0.0, f64::max);
+    Problem {
+        periods: pairs.iter().map(|(in_ref, in_node)| period(origin, in_ref, in_node)).collect(),
+        ref_half_depth_sigma_m: largest(&mut pairs.iter().map(|(one, _)| one.half_depth_sigma_m)),
+        node_half_depth_sigma_m: largest(&mut pairs.iter().map(|(_, set)| set.half_depth_sigma_m)),
+    }
+}
+
+fn period(origin: CentreTime, reference: &KeptSet, node: &KeptSet) -> Period {
     // The reference node's own frame is `Ref`: only the name of the frame changes.
     let in_ref = |position: &proto::geom::Gaussian<Node>| proto::geom::Gaussian {
         mean: Point::from_coords(position.mean.coords_m),
         cov_m2: position.cov_m2,
     };
+    let since_origin_s = |set: &KeptSet| (set.time.0 - origin.0) as f64 * 1e-9;
     Period {
+        ref_time_s: since_origin_s(reference),
+        node_time_s: since_origin_s(node),
         in_ref: reference.points.iter().map(|point| in_ref(&point.position)).collect(),
         in_node: node.points.iter().map(|point| point.position).collect(),
     }

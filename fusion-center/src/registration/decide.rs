@@ -222,6 +222,7 @@ fn assess(data: &Prepared, runs: &BothRuns, mode: &Mode, config: &DecisionConfig
         covariance_inflation: doubt * mode.covariance_scale,
         log_odds,
         rival_log_odds: None,
+        certified_rival_share: None,
     };
     let estimate = PoseEstimate { pose_ref_from_node: mode.motion.pose(), covariance };
     Assessed { motion: mode.motion, estimate, evidence }

@@ -4,8 +4,8 @@ use nalgebra::{Matrix2, Vector2};
 use proto::geom::{Gaussian, Point};
 use rand::RngExt;
 
-use super::monte_carlo::{Conditions, Paths, Sampler, Trial, line_paths, paper_paths};
 use super::{Missing, Outcome, Pairwise, Period, Problem, Solution, Solver};
+use crate::simulate::{Conditions, Paths, Sampler, Trial, line_paths, paper_paths};
 
 const TRY_COUNT: u64 = 250;
 
@@ -123,7 +123,7 @@ fn every_reason_can_be_produced() {
         other => panic!("{other:?}"),
     };
     let standard = Pairwise::default();
-    let empty = Problem { periods: vec![Period::default(); 3] };
+    let empty = Problem { periods: vec![Period::default(); 3], ..Problem::default() };
     assert_eq!(missing(&empty, &standard), Missing::SharedPeriods { period_count: 3 });
     let case = |conditions: Conditions, paths: Paths| Sampler::new(3).observe(&paths, &conditions);
     let one = case(Conditions::CLEAN, vec![vec![Vector2::new(3.0, 4.0)]; 5]).problem;
@@ -209,8 +209,12 @@ fn unrelated_walkers_in_the_same_room_are_not_determined() {
     /// Chance of one in 250.
     const MOST_DETERMINED: usize = 1;
     for (period_s, period_count, noise_scale) in [(0.5, 64, 1.0), (0.1, 150, 2.5)] {
-        let conditions =
-            Conditions { detection_probability: 0.9, false_probability: 0.1, noise_scale };
+        let conditions = Conditions {
+            detection_probability: 0.9,
+            false_probability: 0.1,
+            noise_scale,
+            period_s,
+        };
         let draw = observe(walkers(period_s, period_count), conditions);
         let counts = (0..TRY_COUNT).fold([0, 0], |[sure, all], seed| {
             let is_sure = solve(&unrelated(seed, &draw).problem).outcome == Outcome::Determined;
@@ -225,8 +229,12 @@ fn unrelated_walkers_in_the_same_room_are_not_determined() {
 fn related_walkers_are_found() {
     const RELATED_TRY_COUNT: u64 = 40;
     for (period_s, period_count) in [(0.5, 64), (0.1, 150)] {
-        let conditions =
-            Conditions { detection_probability: 0.9, false_probability: 0.1, noise_scale: 2.5 };
+        let conditions = Conditions {
+            detection_probability: 0.9,
+            false_probability: 0.1,
+            noise_scale: 2.5,
+            period_s,
+        };
         let draw = observe(walkers(period_s, period_count), conditions);
         let counts = outcomes_of("walkers", RELATED_TRY_COUNT, draw);
         assert!(counts[0] >= 30, "{period_s}: {counts:?}");
@@ -234,8 +242,12 @@ fn related_walkers_are_found() {
 }
 
 /// Noisy data as a real room gives them: σ of 6 to 40 cm, half the points missed, many false.
-const ROUGH: Conditions =
-    Conditions { detection_probability: 0.5, false_probability: 0.6, noise_scale: 3.0 };
+const ROUGH: Conditions = Conditions {
+    detection_probability: 0.5,
+    false_probability: 0.6,
+    noise_scale: 3.0,
+    period_s: 0.5,
+};
 
 #[test]
 fn wanderers_in_rough_data_are_found_and_strangers_are_not() {

@@ -258,10 +258,10 @@ fn place_count(data: &Prepared, ref_indices: &[usize], distance_m: f64) -> usize
 mod tests {
     use super::super::likelihood::differentiate;
     use super::super::modes::refine;
-    use super::super::monte_carlo::{Conditions, Sampler, line_paths, trial};
     use super::super::prepared::Motion;
     use super::super::{Period, Problem};
     use super::*;
+    use crate::simulate::{Conditions, Sampler, line_paths, trial};
 
     fn assess(problem: &Problem, start: &Vector3<f64>) -> (Mode, Matches) {
         let data = Prepared::new(problem);
@@ -285,14 +285,17 @@ mod tests {
         let (_, once) = assess(&case.problem, &case.truth());
         let periods = &case.problem.periods;
         let slowly = periods.iter().flat_map(|period| vec![period.clone(); 10]).collect();
-        let (mode, slow) = assess(&Problem { periods: slowly }, &case.truth());
+        let (mode, slow) =
+            assess(&Problem { periods: slowly, ..Problem::default() }, &case.truth());
         assert_eq!((slow.matched_count, slow.distinct_count), (160, 16));
         assert!((slow.repetition - 10.0).abs() < 0.1, "{}", slow.repetition);
         assert!((slow.log_ratio / once.log_ratio - 1.0).abs() < 0.05, "{}", slow.log_ratio);
         assert!(mode.fit.log_ratio > 9.0 * once.log_ratio);
         let pause = vec![Period::default(); 20];
-        let (_, twice) =
-            assess(&Problem { periods: [&periods[..], &pause, periods].concat() }, &case.truth());
+        let (_, twice) = assess(
+            &Problem { periods: [&periods[..], &pause, periods].concat(), ..Problem::default() },
+            &case.truth(),
+        );
         assert!((twice.log_ratio / once.log_ratio - 2.0).abs() < 0.1, "{}", twice.log_ratio);
     }
 

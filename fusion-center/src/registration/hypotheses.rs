@@ -153,8 +153,8 @@ fn along(a: &Blob, b: &Blob, ux: f64, uy: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::monte_carlo::{Conditions, large_room, trial};
     use super::*;
+    use crate::simulate::{Conditions, large_room, trial};
 
     fn best_displacement_m(data: &Prepared, motions: &[Motion], truth: &Motion) -> f64 {
         motions.iter().map(|m| data.displacement_m(m, truth)).fold(f64::INFINITY, f64::min)

@@ -99,21 +99,26 @@ mod tests {
     use proto::geom::{Node, Ref, Se2};
 
     use super::super::degenerate_tests::walkers;
-    use super::super::monte_carlo::{Conditions, Sampler, Trial};
     use super::super::{Outcome, Pairwise, Problem, Solution, Solver};
     use super::*;
+    use crate::simulate::{Conditions, Sampler, Trial};
 
-    const ROOM: Conditions =
-        Conditions { detection_probability: 0.9, false_probability: 0.1, noise_scale: 2.5 };
+    const ROOM: Conditions = Conditions {
+        detection_probability: 0.9,
+        false_probability: 0.1,
+        noise_scale: 2.5,
+        period_s: 0.5,
+    };
 
     fn room(seed: u64, period_s: f64, period_count: usize) -> Trial {
         let mut sampler = Sampler::new(seed);
         let paths = walkers(period_s, period_count)(&mut sampler);
-        sampler.observe(&paths, &ROOM)
+        sampler.observe(&paths, &Conditions { period_s, ..ROOM })
     }
 
     fn window(case: &Trial, end: usize, count: usize) -> Problem {
-        Problem { periods: case.problem.periods[end.saturating_sub(count)..end].to_vec() }
+        let periods = case.problem.periods[end.saturating_sub(count)..end].to_vec();
+        Problem { periods, ..Problem::default() }
     }
 
     fn pose(solution: &Solution) -> Se2<Ref, Node> {

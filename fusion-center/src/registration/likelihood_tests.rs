@@ -3,8 +3,8 @@
 use proto::geom::{Node, Ref, Se2};
 
 use super::super::Problem;
-use super::super::monte_carlo::{Conditions, Trial, trial};
 use super::*;
+use crate::simulate::{Conditions, Trial, trial};
 
 fn density(case: &Trial, period: usize, pair: (usize, usize), pose: &Se2<Ref, Node>) -> f64 {
     let period = &case.problem.periods[period];
@@ -88,7 +88,8 @@ fn the_ratio_is_the_sum_over_matchings_where_pairs_do_not_compete() {
 fn competing_points_count_once() {
     // Two equal reference points for one of the node: exact sum 1 + 2 w, not (1 + w)².
     let case = trial(&Conditions::CLEAN, 1);
-    let mut doubled = Problem { periods: vec![case.problem.periods[0].clone()] };
+    let mut doubled =
+        Problem { periods: vec![case.problem.periods[0].clone()], ..Problem::default() };
     let period = &mut doubled.periods[0];
     period.in_node.truncate(1);
     period.in_ref[1] = period.in_ref[0];

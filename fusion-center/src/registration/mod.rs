@@ -28,8 +28,6 @@ mod symmetry;
 #[cfg(test)]
 mod degenerate_tests;
 #[cfg(test)]
-mod monte_carlo;
-#[cfg(test)]
 mod statistics_tests;
 
 pub use decide::DecisionConfig;
@@ -41,7 +39,11 @@ pub use swarm::{Swarm, SwarmConfig};
 /// One detection period seen by both sides.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Period {
-    /// The reference side's points, already in the reference frame.
+    /// When the reference side measured, seconds from any origin that all periods share.
+    pub ref_time_s: f64,
+    /// When the node measured, by the same clock.
+    pub node_time_s: f64,
+    /// The reference side's points in the reference frame, whose origin is that side's array.
     pub in_ref: Vec<Gaussian<Ref>>,
     /// The node's points in its own frame.
     pub in_node: Vec<Gaussian<Node>>,
@@ -52,6 +54,12 @@ pub struct Period {
 pub struct Problem {
     /// The periods, oldest first.
     pub periods: Vec<Period>,
+    /// Standard deviation, metres, of an offset along the line of sight that lasts: how far behind
+    /// what the reference side saw the middle of a target lies is known no better. The points'
+    /// covariances do not hold it.
+    pub ref_half_depth_sigma_m: f64,
+    /// The same of the node's side.
+    pub node_half_depth_sigma_m: f64,
 }
 
 /// A way to find a node's pose from shared points.
@@ -214,6 +222,9 @@ pub struct Evidence {
     pub log_odds: f64,
     /// Natural logarithm of the best pose's odds against the next separated one, if there is one.
     pub rival_log_odds: Option<f64>,
+    /// Proven: no pose apart from the best one has more than this share of its log likelihood
+    /// ratio. `None` where nothing was proven.
+    pub certified_rival_share: Option<f64>,
 }
 
 /// Which solver to use.

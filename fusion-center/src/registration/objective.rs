@@ -77,8 +77,8 @@ mod tests {
     use nalgebra::{Matrix2, Vector2};
     use proto::geom::Gaussian;
 
-    use super::super::monte_carlo::{Conditions, trial};
     use super::*;
+    use crate::simulate::{Conditions, trial};
 
     fn density(d: &Vector2<f64>, cov: &Matrix2<f64>) -> f64 {
         let exponent = -0.5 * d.dot(&(cov.try_inverse().unwrap() * d));

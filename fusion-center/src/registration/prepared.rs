@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use proto::geom::{Frame, Gaussian, Node, Ref, Se2};
+use proto::measured::line_of_sight;
 
 use super::Problem;
 
@@ -30,8 +31,9 @@ pub(super) struct Blob {
 }
 
 impl Blob {
-    fn usable<F: Frame>(point: &Gaussian<F>) -> Option<Self> {
-        let (mean, cov) = (point.mean.coords_m, &point.cov_m2);
+    /// The point with the variance of a lasting offset along its line of sight, if it is usable.
+    fn usable<F: Frame>(point: &Gaussian<F>, half_depth_sigma_m: f64) -> Option<Self> {
+        let (mean, cov) = (point.mean.coords_m, &widened(point, half_depth_sigma_m));
         let xy = 0.5 * (cov[(0, 1)] + cov[(1, 0)]);
         let blob = Self { x: mean.x, y: mean.y, xx: cov[(0, 0)], xy, yy: cov[(1, 1)] };
         let near = mean.x.abs() < MAX_COORDINATE_M && mean.y.abs() < MAX_COORDINATE_M;
@@ -39,6 +41,16 @@ impl Blob {
         let definite = blob.xx > 0.0 && blob.xx * blob.yy - xy * xy > MIN_DETERMINANT_M4;
         (near && definite && trace < MAX_COORDINATE_M).then_some(blob)
     }
+}
+
+fn usable<F: Frame>(points: &[Gaussian<F>], half_depth_sigma_m: f64) -> Vec<Blob> {
+    points.iter().filter_map(|point| Blob::usable(point, half_depth_sigma_m)).collect()
+}
+
+/// The covariance with `σ²` added along the line of sight.
+fn widened<F: Frame>(point: &Gaussian<F>, half_depth_sigma_m: f64) -> Matrix2<f64> {
+    let outward = line_of_sight(&point.mean.coords_m);
+    point.cov_m2 + outward * outward.transpose() * half_depth_sigma_m.powi(2)
 }
 
 /// A rigid motion from node to reference coordinates with its rotation ready to use.
@@ -124,8 +136,8 @@ impl Prepared {
     pub(super) fn new(problem: &Problem) -> Self {
         let mut prepared = Self::empty();
         for (period_index, period) in problem.periods.iter().enumerate() {
-            let refs: Vec<Blob> = period.in_ref.iter().filter_map(Blob::usable).collect();
-            let nodes: Vec<Blob> = period.in_node.iter().filter_map(Blob::usable).collect();
+            let refs = usable(&period.in_ref, problem.ref_half_depth_sigma_m);
+            let nodes = usable(&period.in_node, problem.node_half_depth_sigma_m);
             prepared.ignored_count += period.in_ref.len() - refs.len();
             prepared.ignored_count += period.in_node.len() - nodes.len();
             if refs.is_empty() || nodes.is_empty() {
@@ -225,10 +237,12 @@ mod tests {
                         gaussian(1.0, 2.0, [-0.01, 0.0, -0.01]),
                     ],
                     in_node: vec![gaussian(0.0, 0.0, good), gaussian(0.0, 0.0, [0.0; 3])],
+                    ..Period::default()
                 },
-                Period { in_ref: vec![gaussian(1.0, 2.0, good)], in_node: vec![] },
+                Period { in_ref: vec![gaussian(1.0, 2.0, good)], ..Period::default() },
                 Period::default(),
             ],
+            ..Problem::default()
         };
         let prepared = Prepared::new(&problem);
         assert_eq!((prepared.refs.len(), prepared.nodes.len()), (1, 1));
@@ -241,7 +255,7 @@ mod tests {
         for heading in [-3.0, -0.4, 0.0, 1.1, 2.9] {
             let motion = Motion::new(1.0, -2.0, heading);
             let point = gaussian::<Node>(3.0, 0.5, [0.04, 0.01, 0.02]);
-            let moved = motion.apply(&Blob::usable(&point).unwrap());
+            let moved = motion.apply(&Blob::usable(&point, 0.0).unwrap());
             let expected = motion.pose() * point;
             let found = Matrix2::new(moved.xx, moved.xy, moved.xy, moved.yy);
             assert!((found - expected.cov_m2).norm() < 1e-15);

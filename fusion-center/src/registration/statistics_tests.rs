@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::monte_carlo::{Conditions, Trial, large_room, office, trial};
 use super::{Outcome, Pairwise, Solver};
+use crate::simulate::{Conditions, Trial, large_room, office, trial};
 
 const TRIAL_COUNT: u64 = 500;
 

@@ -217,9 +217,9 @@ fn fly(
 
 #[cfg(test)]
 mod tests {
-    use super::super::monte_carlo::{Conditions, trial};
     use super::super::{Missing, Outcome};
     use super::*;
+    use crate::simulate::{Conditions, trial};
 
     fn solve_with_threads(problem: &Problem, thread_count: usize) -> Solution {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(thread_count).build().unwrap();

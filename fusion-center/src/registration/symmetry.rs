@@ -64,8 +64,8 @@ fn gate_area_m2(a: &Blob, b: &Blob) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::monte_carlo::{Conditions, Sampler, Trial, line_paths, trial};
     use super::*;
+    use crate::simulate::{Conditions, Sampler, Trial, line_paths, trial};
 
     fn truth(case: &Trial) -> Motion {
         let theta = case.truth();

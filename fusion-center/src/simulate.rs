@@ -1,4 +1,5 @@
-//! Test data: the two-node scene of \[registration\] at the level of points, and larger rooms.
+//! Simulated registration problems at the level of points: the two-node scene of \[registration\],
+//! larger rooms, each with its truth and its Cramér-Rao bound.
 
 use std::f64::consts::PI;
 
@@ -8,7 +9,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 
-use super::{Period, PoseEstimate, Problem};
+use crate::registration::{Period, PoseEstimate, Problem};
 
 /// Side of the square in which false points lie.
 const AREA_SIDE_M: f64 = 10.0;
@@ -16,63 +17,84 @@ const AREA_SIDE_M: f64 = 10.0;
 /// How a trial is drawn. Noise: range σ = s U(0.02, 0.04) m, cross-range σ = s max(r, 0.5 m)
 /// U(0.01, 0.02).
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Conditions {
-    pub(super) detection_probability: f64,
+pub struct Conditions {
+    /// Chance that a node sees a target in a period.
+    pub detection_probability: f64,
     /// Chance of one false point per node and period.
-    pub(super) false_probability: f64,
-    pub(super) noise_scale: f64,
+    pub false_probability: f64,
+    /// s.
+    pub noise_scale: f64,
+    /// Time between periods, seconds.
+    pub period_s: f64,
 }
 
 impl Conditions {
-    pub(super) const CLEAN: Self =
-        Self { detection_probability: 1.0, false_probability: 0.0, noise_scale: 0.35 };
-    pub(super) const MISSES: Self = Self { detection_probability: 0.8, ..Self::CLEAN };
-    pub(super) const WITH_FALSE_POINTS: Self = Self { false_probability: 0.1, ..Self::MISSES };
+    /// No misses, no false points.
+    pub const CLEAN: Self = Self {
+        detection_probability: 1.0,
+        false_probability: 0.0,
+        noise_scale: 0.35,
+        period_s: 1.0,
+    };
+    /// One target in five missed.
+    pub const MISSES: Self = Self { detection_probability: 0.8, ..Self::CLEAN };
+    /// As [`Self::MISSES`], and a false point in one of ten periods.
+    pub const WITH_FALSE_POINTS: Self = Self { false_probability: 0.1, ..Self::MISSES };
 }
 
 /// A problem, its truth, and the Cramér-Rao bound of its true pairs.
-pub(super) struct Trial {
-    pub(super) problem: Problem,
-    pub(super) pose_ref_from_node: Se2<Ref, Node>,
+pub struct Trial {
+    /// What the solver gets.
+    pub problem: Problem,
+    /// The truth.
+    pub pose_ref_from_node: Se2<Ref, Node>,
     information: Matrix3<f64>,
 }
 
 impl Trial {
     /// `(x_m, y_m, heading_rad)`.
-    pub(super) fn truth(&self) -> Vector3<f64> {
+    #[must_use]
+    pub fn truth(&self) -> Vector3<f64> {
         let shift = self.pose_ref_from_node.translation_m();
         Vector3::new(shift.x, shift.y, self.pose_ref_from_node.heading_rad())
     }
 
-    pub(super) fn error(&self, estimate: &PoseEstimate) -> Vector3<f64> {
+    /// Estimate less truth, `(x_m, y_m, heading_rad)`.
+    #[must_use]
+    pub fn error(&self, estimate: &PoseEstimate) -> Vector3<f64> {
         let found = &estimate.pose_ref_from_node;
         let shift = found.translation_m() - self.pose_ref_from_node.translation_m();
         let turn = wrap_angle(found.heading_rad() - self.pose_ref_from_node.heading_rad());
         Vector3::new(shift.x, shift.y, turn)
     }
 
-    /// Squared error in units of the stated covariance.
-    pub(super) fn nees(&self, estimate: &PoseEstimate) -> f64 {
+    /// Squared error in units of the stated covariance; infinite where that is singular.
+    #[must_use]
+    pub fn nees(&self, estimate: &PoseEstimate) -> f64 {
         let error = self.error(estimate);
-        error.dot(&Cholesky::new(estimate.covariance).unwrap().solve(&error))
+        let factor = Cholesky::new(estimate.covariance);
+        factor.map_or(f64::INFINITY, |factor| error.dot(&factor.solve(&error)))
     }
 
     /// The bound's covariance, if the true pairs allow any.
-    pub(super) fn bound(&self) -> Option<Matrix3<f64>> {
+    #[must_use]
+    pub fn bound(&self) -> Option<Matrix3<f64>> {
         Cholesky::new(self.information).map(|factor| factor.inverse())
     }
 }
 
 /// The scene: where the targets are in every period, in the world.
-pub(super) type Paths = Vec<Vec<Vector2<f64>>>;
+pub type Paths = Vec<Vec<Vector2<f64>>>;
 
 /// The two targets of the paper over 8 periods.
-pub(super) fn paper_paths() -> Paths {
+#[must_use]
+pub fn paper_paths() -> Paths {
     line_paths(&[[[2.0, 3.0], [8.0, 8.0]], [[8.0, 2.0], [3.0, 7.0]]], 8)
 }
 
 /// Targets that walk straight with constant speed, each from `[x, y]` to `[x, y]`.
-pub(super) fn line_paths(ends: &[[[f64; 2]; 2]], period_count: usize) -> Paths {
+#[must_use]
+pub fn line_paths(ends: &[[[f64; 2]; 2]], period_count: usize) -> Paths {
     let position = |k: usize, [from, to]: &[[f64; 2]; 2]| {
         let part = k as f64 / (period_count - 1) as f64;
         Vector2::from(*from).lerp(&Vector2::from(*to), part)
@@ -81,14 +103,17 @@ pub(super) fn line_paths(ends: &[[[f64; 2]; 2]], period_count: usize) -> Paths {
 }
 
 /// Draws measurements of given targets by the nodes at (5, 0) and (0, 5).
-pub(super) struct Sampler {
-    pub(super) rng: ChaCha8Rng,
+pub struct Sampler {
+    /// Where everything random comes from.
+    pub rng: ChaCha8Rng,
     ref_from_world: Se2<Ref, World>,
     node_from_world: Se2<Node, World>,
 }
 
 impl Sampler {
-    pub(super) fn new(seed: u64) -> Self {
+    /// The second node's own frame is turned at random.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let heading = rng.random_range(-PI..PI);
         let world_from_node = Se2::<World, Node>::new(0.0, 5.0, heading);
@@ -98,7 +123,8 @@ impl Sampler {
         Self { rng, ref_from_world, node_from_world }
     }
 
-    pub(super) fn normal(&mut self) -> f64 {
+    /// A draw of the standard normal distribution.
+    pub fn normal(&mut self) -> f64 {
         self.rng.sample(StandardNormal)
     }
 
@@ -137,12 +163,15 @@ impl Sampler {
     }
 
     /// One trial over the given paths.
-    pub(super) fn observe(mut self, paths: &Paths, conditions: &Conditions) -> Trial {
+    #[must_use]
+    pub fn observe(mut self, paths: &Paths, conditions: &Conditions) -> Trial {
         let pose_ref_from_node = self.ref_from_world * self.node_from_world.inverse();
         let mut information = Matrix3::zeros();
         let mut problem = Problem::default();
-        for targets in paths {
-            let mut period = Period::default();
+        for (index, targets) in paths.iter().enumerate() {
+            let time_s = conditions.period_s * index as f64;
+            let mut period =
+                Period { ref_time_s: time_s, node_time_s: time_s, ..Period::default() };
             for target in targets {
                 let point = self.maybe(self.ref_from_world, target, conditions);
                 let node = self.maybe(self.node_from_world, target, conditions);
@@ -171,28 +200,36 @@ fn pair_information(
     let turned = pose.rotation() * node.mean.coords_m;
     let jacobian = Matrix2x3::new(1.0, 0.0, -turned.y, 0.0, 1.0, turned.x);
     let cov: Matrix2<f64> = point.cov_m2 + (*pose * *node).cov_m2;
-    jacobian.transpose() * cov.try_inverse().unwrap() * jacobian
+    let information = cov.try_inverse().unwrap_or_default();
+    jacobian.transpose() * information * jacobian
 }
 
 /// The paper's scene.
-pub(super) fn trial(conditions: &Conditions, seed: u64) -> Trial {
+#[must_use]
+pub fn trial(conditions: &Conditions, seed: u64) -> Trial {
     Sampler::new(seed).observe(&paper_paths(), conditions)
 }
 
 /// Five targets scattered anew in each of many periods: σ of 5 to 15 cm, 0.3 false points.
-pub(super) fn large_room(seed: u64, period_count: usize) -> Trial {
+#[must_use]
+pub fn large_room(seed: u64, period_count: usize) -> Trial {
     scattered(seed, period_count, 5)
 }
 
 /// Three people over 30 periods: σ of 5 to 15 cm, misses, 0.3 false points.
-pub(super) fn office(seed: u64) -> Trial {
+#[must_use]
+pub fn office(seed: u64) -> Trial {
     scattered(seed, 30, 3)
 }
 
 fn scattered(seed: u64, period_count: usize, target_count: usize) -> Trial {
     let mut sampler = Sampler::new(seed);
-    let conditions =
-        Conditions { detection_probability: 0.9, false_probability: 0.3, noise_scale: 2.0 };
+    let conditions = Conditions {
+        detection_probability: 0.9,
+        false_probability: 0.3,
+        noise_scale: 2.0,
+        period_s: 1.0,
+    };
     let mut draw = || sampler.rng.random_range(1.0..9.0);
     let paths = (0..period_count)
         .map(|_| (0..target_count).map(|_| Vector2::new(draw(), draw())).collect());
