@@ -15,8 +15,8 @@ use proto::process;
 use proto::wire::{Command, Stamp, encode};
 
 use crate::config::CentreConfig;
-use crate::registration::SolverKind;
-use crate::service;
+use crate::registration::{SolverKind, build};
+use crate::{offline, service};
 
 /// Gathers the point sets of all nodes, works out where the nodes stand, and publishes the
 /// transforms and one fused picture.
@@ -26,7 +26,7 @@ pub struct Arguments {
     #[command(subcommand)]
     action: Option<Action>,
     /// Configuration file (TOML); every key has a default, see deploy/fusion.toml.
-    #[arg(long, env = "TRANSMURAL_FUSION_CONFIG", value_name = "FILE")]
+    #[arg(long, env = "TRANSMURAL_FUSION_CONFIG", value_name = "FILE", global = true)]
     config: Option<PathBuf>,
     #[command(flatten)]
     flags: Flags,
@@ -39,7 +39,7 @@ struct Flags {
     #[arg(long, global = true)]
     site: Option<SiteId>,
     /// Node whose frame is the common frame.
-    #[arg(long)]
+    #[arg(long, global = true)]
     reference: Option<NodeId>,
     /// Endpoint to listen on, such as tcp/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
@@ -51,11 +51,11 @@ struct Flags {
     #[arg(long)]
     period_s: Option<f64>,
     /// Solver to register with.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, global = true)]
     solver: Option<SolverFlag>,
     /// Set any key: KEY=VALUE with the key's path in the file, such as
     /// gather.window_count=60; may be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", global = true)]
     settings: Vec<String>,
     /// Print the effective configuration and exit.
     #[arg(long)]
@@ -78,6 +78,20 @@ enum Action {
         #[arg(long)]
         node: Option<NodeId>,
     },
+    /// Register recorded points: poses of all nodes, their covariances, and whether the data
+    /// decide them.
+    Register {
+        /// JSON Lines, one problem each (- for standard input), or a folder of points as
+        /// `node-agent process --out DIR` and `sim-harness run` write it, which is one problem.
+        #[arg(value_name = "INPUT")]
+        input: PathBuf,
+        /// Draw every problem before and after registration, as SVG, into this folder.
+        #[arg(long, value_name = "DIR")]
+        figures: Option<PathBuf>,
+        /// Answer in JSON Lines.
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 /// Runs the program with these arguments, the first of which is its name.
@@ -90,6 +104,11 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         match arguments.action {
             None => service::run(config, stop).await,
             Some(Action::Recalibrate { node }) => send(config, Command::Recalibrate { node }).await,
+            Some(Action::Register { input, figures, json }) => {
+                let reference = arguments.flags.reference;
+                let options = offline::Options { input, reference, json, figures };
+                offline::register(&options, build(&config.solver).as_ref(), &stop)
+            }
         }
     })
 }

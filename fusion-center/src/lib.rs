@@ -5,6 +5,7 @@ pub mod config;
 pub mod fuse;
 pub mod gather;
 pub mod network;
+pub mod offline;
 pub mod pipeline;
 pub mod registration;
 pub mod service;

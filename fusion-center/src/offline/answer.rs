@@ -1,0 +1,342 @@
+//! The answer to one problem, as JSON and as rows of a table.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Matrix3;
+use proto::geom::{Node, Ref, Se2};
+use proto::ids::NodeId;
+use serde::Serialize;
+
+use super::Asked;
+use crate::network::{Edge, Group, Placed, SiteSolution};
+use crate::registration::{Evidence, Outcome, PoseEstimate, Rival, Solution};
+
+/// The answer to one problem.
+#[derive(Clone, Debug, Serialize)]
+pub struct Answer {
+    /// As the problem gave it.
+    pub id: serde_json::Value,
+    /// The node whose frame the poses are in.
+    pub reference: NodeId,
+    /// Every other node.
+    pub nodes: BTreeMap<NodeId, NodeAnswer>,
+    /// What was assumed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+    /// Time for the whole problem, microseconds.
+    pub solve_us: f64,
+}
+
+/// What is known of one node.
+#[derive(Clone, Debug, Serialize)]
+pub struct NodeAnswer {
+    /// The pose; of an ambiguous node the likeliest.
+    pub pose_ref_from_node: Option<PoseJson>,
+    /// Of the errors `(x_m, y_m, heading_rad)` in the reference's frame.
+    pub covariance: Option<[[f64; 3]; 3]>,
+    /// `determined`, `ambiguous` or `underdetermined`.
+    pub outcome: &'static str,
+    /// What the data lack, of an undetermined node.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub missing: Option<String>,
+    /// The other poses that the data allow, of an ambiguous node.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rivals: Vec<RivalJson>,
+    /// The nodes through which the pose came, the reference first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub via: Vec<NodeId>,
+    /// The node's place among others, where none of them hangs together with the reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub group: Option<GroupJson>,
+    /// The numbers behind the pair of this node with the last of `via` before it, or with the
+    /// reference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub evidence: Option<EvidenceJson>,
+    /// Time for the whole problem, microseconds.
+    pub solve_us: f64,
+}
+
+/// A pose.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct PoseJson {
+    /// Metres.
+    pub x_m: f64,
+    /// Metres.
+    pub y_m: f64,
+    /// Radians, counter-clockwise.
+    pub heading_rad: f64,
+}
+
+/// Another pose that the data allow.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct RivalJson {
+    /// The pose.
+    pub pose_ref_from_node: PoseJson,
+    /// Natural logarithm of the best pose's odds against this one.
+    pub log_odds: f64,
+}
+
+/// A node's place in a group without the reference.
+#[derive(Clone, Debug, Serialize)]
+pub struct GroupJson {
+    /// The node whose frame the group's poses are in.
+    pub gauge: NodeId,
+    /// Everybody in it.
+    pub members: Vec<NodeId>,
+    /// The pose in the gauge's frame.
+    pub pose_gauge_from_node: PoseJson,
+    /// Of the errors `(x_m, y_m, heading_rad)` in the gauge's frame.
+    pub covariance: [[f64; 3]; 3],
+}
+
+/// See [`Evidence`].
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct EvidenceJson {
+    matched_point_count: usize,
+    distinct_point_count: usize,
+    period_count: usize,
+    chi_square: f64,
+    degrees_of_freedom: f64,
+    covariance_inflation: f64,
+    log_odds: f64,
+    rival_log_odds: Option<f64>,
+    certified_rival_share: Option<f64>,
+}
+
+impl From<Se2<Ref, Node>> for PoseJson {
+    fn from(pose: Se2<Ref, Node>) -> Self {
+        let at = pose.translation_m();
+        Self { x_m: at.x, y_m: at.y, heading_rad: pose.heading_rad() }
+    }
+}
+
+impl From<Evidence> for EvidenceJson {
+    fn from(evidence: Evidence) -> Self {
+        Self {
+            matched_point_count: evidence.matched_point_count,
+            distinct_point_count: evidence.distinct_point_count,
+            period_count: evidence.period_count,
+            chi_square: evidence.chi_square,
+            degrees_of_freedom: evidence.degrees_of_freedom,
+            covariance_inflation: evidence.covariance_inflation,
+            log_odds: evidence.log_odds,
+            rival_log_odds: evidence.rival_log_odds,
+            certified_rival_share: evidence.certified_rival_share,
+        }
+    }
+}
+
+impl Answer {
+    /// The answer that `solution` holds.
+    #[must_use]
+    pub fn new(asked: Asked, solution: &SiteSolution, solve_us: f64) -> Self {
+        let Asked { id, problem, warnings } = asked;
+        let reference = problem.reference;
+        let others = problem.views.into_keys().filter(|node| *node != reference);
+        let answer = |node: NodeId| {
+            let found = of_node(&reference, &node, solution, solve_us);
+            (node, found)
+        };
+        let nodes = others.map(answer).collect();
+        Self { id, reference, nodes, warnings, solve_us }
+    }
+
+    /// Logs what was assumed.
+    pub(super) fn warn(&self) {
+        for warning in &self.warnings {
+            tracing::warn!(id = %self.id, "{warning}");
+        }
+    }
+
+    /// One row per node: problem, node, pose, standard deviations, matched points, outcome.
+    #[must_use]
+    pub fn rows(&self) -> Vec<Vec<String>> {
+        self.nodes.iter().map(|(node, answer)| self.row(node, answer)).collect()
+    }
+
+    fn row(&self, node: &NodeId, answer: &NodeAnswer) -> Vec<String> {
+        let pose = answer.pose_ref_from_node.map_or_else(
+            || "none".to_owned(),
+            |pose| format!("{:.3} {:.3} {:.2}°", pose.x_m, pose.y_m, pose.heading_rad.to_degrees()),
+        );
+        let sigmas = answer.covariance.map_or_else(String::new, |cov| {
+            let sigma = |index: usize| cov[index][index].sqrt();
+            format!("{:.3} {:.3} {:.2}°", sigma(0), sigma(1), sigma(2).to_degrees())
+        });
+        let matched = answer.evidence.map_or(0, |evidence| evidence.matched_point_count);
+        let mut outcome = answer.outcome.to_owned();
+        let notes = answer.missing.iter().cloned().chain(answer.rivals.iter().map(|rival| {
+            let PoseJson { x_m, y_m, heading_rad } = rival.pose_ref_from_node;
+            let turn = heading_rad.to_degrees();
+            format!("or {x_m:.2} {y_m:.2} {turn:.1}° (log odds {:.1})", rival.log_odds)
+        }));
+        for note in notes {
+            outcome = format!("{outcome}: {note}");
+        }
+        let id = self.id.as_str().map_or_else(|| self.id.to_string(), ToOwned::to_owned);
+        vec![id, node.to_string(), pose, sigmas, matched.to_string(), outcome]
+    }
+}
+
+fn of_node(
+    reference: &NodeId,
+    node: &NodeId,
+    solution: &SiteSolution,
+    solve_us: f64,
+) -> NodeAnswer {
+    let group = solution.groups.iter().find(|group| group.nodes.contains_key(node));
+    let placed = group.filter(|group| group.gauge == *reference).and_then(|g| g.nodes.get(node));
+    let before = placed.and_then(|placed| placed.via.iter().rev().nth(1)).unwrap_or(reference);
+    let edge = edge_between(solution, before, node);
+    let evidence = edge.map(|edge| edge.solution.evidence.into());
+    let open = NodeAnswer {
+        pose_ref_from_node: None,
+        covariance: None,
+        outcome: "underdetermined",
+        missing: None,
+        rivals: Vec::new(),
+        via: Vec::new(),
+        group: None,
+        evidence,
+        solve_us,
+    };
+    if let Some(placed) = placed {
+        return NodeAnswer { via: placed.via.clone(), outcome: "determined", ..open }
+            .with(&placed.estimate);
+    }
+    let group = group.filter(|group| 1 < group.nodes.len());
+    NodeAnswer {
+        group: group.and_then(|group| of_group(group, node)),
+        ..open.undecided(edge, reference)
+    }
+}
+
+impl NodeAnswer {
+    fn with(self, estimate: &PoseEstimate) -> Self {
+        Self {
+            pose_ref_from_node: Some(estimate.pose_ref_from_node.into()),
+            covariance: Some(rows_of(&estimate.covariance)),
+            ..self
+        }
+    }
+
+    /// The best that the pair with the reference tells.
+    fn undecided(self, edge: Option<&Edge>, reference: &NodeId) -> Self {
+        let Some(edge) = edge else {
+            let missing = format!("no period in common with {reference}");
+            return Self { missing: Some(missing), ..self };
+        };
+        let solution = seen_from(edge, reference);
+        match &solution.outcome {
+            Outcome::Underdetermined { missing } => {
+                Self { missing: Some(missing.to_string()), ..self }
+            }
+            Outcome::Determined => {
+                let missing = "contradicted by the other pairs of nodes".to_owned();
+                Self { missing: Some(missing), ..self }
+            }
+            Outcome::Ambiguous { rivals } => {
+                let rivals = rivals.iter().map(RivalJson::from).collect();
+                let answer = Self { outcome: "ambiguous", rivals, ..self };
+                match &solution.estimate {
+                    Some(estimate) => answer.with(estimate),
+                    None => answer,
+                }
+            }
+        }
+    }
+}
+
+impl From<&Rival> for RivalJson {
+    fn from(rival: &Rival) -> Self {
+        Self { pose_ref_from_node: rival.pose_ref_from_node.into(), log_odds: rival.log_odds }
+    }
+}
+
+/// The edge's solution with `first` as the first of the two nodes.
+fn seen_from(edge: &Edge, first: &NodeId) -> Solution {
+    let mut solution = edge.solution.clone();
+    if edge.first == *first {
+        return solution;
+    }
+    solution.estimate = solution.estimate.as_ref().map(inverse);
+    if let Outcome::Ambiguous { rivals } = &mut solution.outcome {
+        for rival in rivals {
+            rival.pose_ref_from_node = renamed(rival.pose_ref_from_node.inverse());
+        }
+    }
+    solution
+}
+
+/// The names of the frames changed places with the direction.
+fn renamed(pose: Se2<Node, Ref>) -> Se2<Ref, Node> {
+    let at = pose.translation_m();
+    Se2::new(at.x, at.y, pose.heading_rad())
+}
+
+/// The estimate in the other direction: `t' = −Φᵀ t`, `φ' = −φ`.
+fn inverse(estimate: &PoseEstimate) -> PoseEstimate {
+    let pose_ref_from_node = renamed(estimate.pose_ref_from_node.inverse());
+    let (back, at) = (pose_ref_from_node.rotation(), pose_ref_from_node.translation_m());
+    let (cos, sin) = (back[(0, 0)], back[(1, 0)]);
+    let jacobian = Matrix3::new(-cos, sin, at.y, -sin, -cos, -at.x, 0.0, 0.0, -1.0);
+    let covariance = jacobian * estimate.covariance * jacobian.transpose();
+    PoseEstimate { pose_ref_from_node, covariance }
+}
+
+fn of_group(group: &Group, node: &NodeId) -> Option<GroupJson> {
+    let Placed { estimate, .. } = group.nodes.get(node)?;
+    Some(GroupJson {
+        gauge: group.gauge.clone(),
+        members: group.nodes.keys().cloned().collect(),
+        pose_gauge_from_node: estimate.pose_ref_from_node.into(),
+        covariance: rows_of(&estimate.covariance),
+    })
+}
+
+fn edge_between<'a>(solution: &'a SiteSolution, one: &NodeId, other: &NodeId) -> Option<&'a Edge> {
+    let joins = |edge: &&Edge| {
+        (edge.first == *one && edge.second == *other)
+            || (edge.first == *other && edge.second == *one)
+    };
+    solution.edges.iter().find(joins)
+}
+
+fn rows_of(covariance: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    std::array::from_fn(|row| std::array::from_fn(|column| covariance[(row, column)]))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    #[test]
+    fn the_covariance_of_the_inverse_is_that_of_inverted_poses() {
+        const STEP: f64 = 1e-6;
+        let pose = Vector3::new(2.0, -1.0, 0.7);
+        let inverted_at = |theta: &Vector3<f64>| {
+            let inverted = renamed(Se2::<Ref, Node>::new(theta.x, theta.y, theta.z).inverse());
+            let at = inverted.translation_m();
+            Vector3::new(at.x, at.y, inverted.heading_rad())
+        };
+        let mut jacobian = Matrix3::zeros();
+        for axis in 0..3 {
+            let mut step = Vector3::zeros();
+            step[axis] = STEP;
+            jacobian.set_column(
+                axis,
+                &((inverted_at(&(pose + step)) - inverted_at(&(pose - step))) / (2.0 * STEP)),
+            );
+        }
+        let covariance = Matrix3::new(0.04, 0.01, 0.002, 0.01, 0.09, -0.003, 0.002, -0.003, 0.01);
+        let estimate =
+            PoseEstimate { pose_ref_from_node: Se2::new(pose.x, pose.y, pose.z), covariance };
+        let found = inverse(&estimate);
+        let expected = jacobian * covariance * jacobian.transpose();
+        assert!((found.covariance - expected).amax() < 1e-8, "{} {expected}", found.covariance);
+        let back = inverse(&found);
+        assert!((back.covariance - covariance).amax() < 1e-12);
+    }
+}

@@ -1,0 +1,16 @@
+//! Registration of recorded points, without a network: problems in, poses and pictures out.
+//!
+//! ```text
+//! file of JSON Lines, or folder of points ── input ── solve_site, in parallel ── answer ── output
+//! ```
+//! Answers come in the order of the problems, and a line that cannot be read costs that line only.
+
+mod answer;
+mod draw;
+mod input;
+mod run;
+
+pub use answer::Answer;
+pub use draw::{COLORS, Layer, picture};
+pub use input::{Asked, InputError, read_folder, read_problem};
+pub use run::{Options, register};

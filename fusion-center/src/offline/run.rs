@@ -1,0 +1,261 @@
+//! From an input to answers: problems in parallel, answers in order.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use indicatif::{ProgressBar, ProgressStyle};
+use proto::geom::{Node, Point};
+use proto::ids::NodeId;
+use proto::process;
+use rayon::prelude::*;
+use serde::Serialize;
+use tokio_util::sync::CancellationToken;
+
+use super::Answer;
+use super::draw::{COLORS, Layer, picture};
+use super::input::{Asked, points_of, read_folder, read_problem};
+use crate::network::{SiteProblem, SiteSolution, solve_site};
+use crate::registration::Solver;
+use crate::service::Clock;
+
+/// Problems read ahead: enough to keep all cores busy, few enough to hold.
+const BATCH_COUNT: usize = 256;
+/// A batch ends early at this size, bytes.
+const BATCH_BYTES: usize = 1 << 24;
+/// Longest line, bytes: a thousand nodes with a thousand periods of several points.
+const MAX_LINE_BYTES: u64 = 1 << 30;
+
+/// What is asked for.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// A file of JSON Lines, `-` for standard input, or a folder of points.
+    pub input: PathBuf,
+    /// The reference of a folder's problem.
+    pub reference: Option<NodeId>,
+    /// Answer in JSON Lines instead of a table.
+    pub json: bool,
+    /// Where pictures go.
+    pub figures: Option<PathBuf>,
+}
+
+/// A line without an answer.
+#[derive(Serialize)]
+struct Failed {
+    line: u64,
+    error: String,
+}
+
+/// One line of the input.
+struct Line {
+    number: u64,
+    text: String,
+}
+
+type Answered = Result<Answer, Failed>;
+
+/// Registers every problem of the input and prints the answers.
+///
+/// # Errors
+/// If the input cannot be read, or in the end if any line had to be left out.
+pub fn register(
+    options: &Options,
+    solver: &dyn Solver,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    if let Some(folder) = &options.figures {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("creating --figures {}", folder.display()))?;
+    }
+    let mut output = Output { json: options.json, ..Output::default() };
+    if options.input.is_dir() {
+        let asked = read_folder(&options.input, options.reference.clone())?;
+        output.take(&[Ok(answer(options, solver, asked)?)])?;
+        return output.finish();
+    }
+    if options.reference.is_some() {
+        bail!("--reference is for a folder: in JSON Lines every problem names its own");
+    }
+    let mut lines = Lines::open(&options.input)?;
+    let name = options.input.display().to_string();
+    while !stop.is_cancelled() {
+        let batch = lines.batch()?;
+        if batch.is_empty() {
+            break;
+        }
+        let answers: Vec<Answered> =
+            batch.par_iter().map(|line| of_line(options, solver, &name, line)).collect();
+        output.take(&answers)?;
+    }
+    lines.bar.finish_and_clear();
+    output.finish()
+}
+
+fn of_line(options: &Options, solver: &dyn Solver, name: &str, line: &Line) -> Answered {
+    let number = line.number;
+    let place = format!("{name}, line {number}");
+    let asked = read_problem(&place, &line.text).map_err(anyhow::Error::from);
+    let answered = asked.and_then(|asked| answer(options, solver, asked));
+    answered.map_err(|error| Failed { line: number, error: process::explained(&error) })
+}
+
+fn answer(options: &Options, solver: &dyn Solver, asked: Asked) -> anyhow::Result<Answer> {
+    let clock = Clock::start();
+    let start = clock.now();
+    let solution = solve_site(&asked.problem, solver);
+    let solve_us = clock.now().since(start).as_secs_f64() * 1e6;
+    if let Some(folder) = &options.figures {
+        write_pictures(folder, &asked, &solution)?;
+    }
+    Ok(Answer::new(asked, &solution, solve_us))
+}
+
+/// Lines of the input with progress.
+struct Lines {
+    input: Box<dyn BufRead>,
+    path: PathBuf,
+    next_number: u64,
+    bar: ProgressBar,
+}
+
+impl Lines {
+    fn open(path: &Path) -> anyhow::Result<Self> {
+        let (input, length): (Box<dyn BufRead>, Option<u64>) = if path == Path::new("-") {
+            (Box::new(BufReader::new(std::io::stdin())), None)
+        } else {
+            let file = File::open(path).with_context(|| format!("reading {}", path.display()))?;
+            let length = file.metadata().ok().map(|about| about.len());
+            (Box::new(BufReader::new(file)), length)
+        };
+        let template = "{bar:24} {bytes}/{total_bytes}, {eta} left, {msg}";
+        let style = ProgressStyle::with_template(template);
+        let bar = length.map_or_else(ProgressBar::no_length, ProgressBar::new);
+        let bar = bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Ok(Self { input, path: path.to_owned(), next_number: 1, bar })
+    }
+
+    /// The next lines that are not blank.
+    fn batch(&mut self) -> anyhow::Result<Vec<Line>> {
+        let mut batch = Vec::new();
+        let mut byte_count = 0;
+        while batch.len() < BATCH_COUNT && byte_count < BATCH_BYTES {
+            let Some(line) = self.line()? else { break };
+            byte_count += line.text.len();
+            if !line.text.trim().is_empty() {
+                batch.push(line);
+            }
+        }
+        self.bar.set_message(format!("{} problems", self.next_number - 1));
+        Ok(batch)
+    }
+
+    fn line(&mut self) -> anyhow::Result<Option<Line>> {
+        let number = self.next_number;
+        let place = || format!("{}, line {number}", self.path.display());
+        let mut text = Vec::new();
+        let read = self.input.by_ref().take(MAX_LINE_BYTES).read_until(b'\n', &mut text);
+        let count = read.with_context(place)?;
+        if count as u64 == MAX_LINE_BYTES {
+            bail!("{}: longer than {MAX_LINE_BYTES} bytes: is this a file of JSON Lines?", place());
+        }
+        self.next_number += 1;
+        self.bar.inc(count as u64);
+        // What is no UTF-8 is no JSON either, and the parser says where.
+        let text = String::from_utf8_lossy(&text).into_owned();
+        Ok((0 < count).then_some(Line { number, text }))
+    }
+}
+
+/// Prints answers as they come, or a table at the end.
+#[derive(Default)]
+struct Output {
+    json: bool,
+    rows: Vec<Vec<String>>,
+    failed: Vec<String>,
+    count: usize,
+}
+
+impl Output {
+    fn take(&mut self, answers: &[Answered]) -> anyhow::Result<()> {
+        self.count += answers.len();
+        let mut text = Vec::new();
+        for answered in answers {
+            if self.json {
+                match answered {
+                    Ok(answer) => serde_json::to_writer(&mut text, answer)?,
+                    Err(failed) => serde_json::to_writer(&mut text, failed)?,
+                }
+                text.write_all(b"\n")?;
+            } else if let Ok(answer) = answered {
+                self.rows.extend(answer.rows());
+                answer.warn();
+            }
+        }
+        let errors = answers.iter().filter_map(|answered| answered.as_ref().err());
+        self.failed.extend(errors.map(|failed| failed.error.clone()));
+        process::print(&String::from_utf8_lossy(&text))
+    }
+
+    fn finish(self) -> anyhow::Result<()> {
+        if !self.json {
+            let mut table = comfy_table::Table::new();
+            table.load_style(comfy_table::presets::UTF8_HORIZONTAL_ONLY);
+            table.set_header(["problem", "node", "x y heading", "σ", "matched", "outcome"]);
+            table.add_rows(self.rows);
+            process::print(&format!("{table}\n"))?;
+        }
+        let Some(first) = self.failed.first() else { return Ok(()) };
+        bail!(
+            "{} of {} problems could not be read; the first: {first}",
+            self.failed.len(),
+            self.count
+        )
+    }
+}
+
+/// `ID.before.svg`: every node's points in its own frame; `ID.after.svg`: those of the nodes that
+/// were registered, in the reference's.
+fn write_pictures(folder: &Path, asked: &Asked, solution: &SiteSolution) -> anyhow::Result<()> {
+    let id = asked.id.as_str().map_or_else(|| asked.id.to_string(), ToOwned::to_owned);
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+    let name: String = id.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
+    for (part, layers) in
+        [("before", before(&asked.problem)), ("after", after(&asked.problem, solution))]
+    {
+        let path = folder.join(format!("{name}.{part}.svg"));
+        let svg = picture(&format!("{id}: {part} registration"), &layers)
+            .map_err(|error| anyhow::anyhow!("drawing {}: {error}", path.display()))?;
+        std::fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
+    }
+    Ok(())
+}
+
+fn before(problem: &SiteProblem) -> Vec<Layer> {
+    let layer = |(index, (node, view)): (usize, (&NodeId, &crate::network::NodeView))| Layer {
+        label: node.to_string(),
+        color: COLORS[index % COLORS.len()],
+        points_m: points_of(view).map(Into::into).collect(),
+        estimated: None,
+        truth: None,
+    };
+    problem.views.iter().enumerate().map(layer).collect()
+}
+
+fn after(problem: &SiteProblem, solution: &SiteSolution) -> Vec<Layer> {
+    let group = solution.groups.iter().find(|group| group.gauge == problem.reference);
+    let mut layers = before(problem);
+    for (layer, (node, view)) in layers.iter_mut().zip(&problem.views) {
+        let placed = group.and_then(|group| group.nodes.get(node));
+        let Some(placed) = placed else {
+            layer.points_m.clear();
+            layer.label.push_str(" (not registered)");
+            continue;
+        };
+        let pose = placed.estimate.pose_ref_from_node;
+        let mapped = points_of(view).map(|at| pose * Point::<Node>::from_coords(at));
+        layer.points_m = mapped.map(|point| [point.x_m(), point.y_m()]).collect();
+        layer.estimated = Some(pose);
+    }
+    layers
+}
