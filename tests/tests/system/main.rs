@@ -16,4 +16,5 @@ mod garbage;
 mod main_job;
 mod nothing_left_behind;
 mod recordings;
+mod register;
 mod support;
