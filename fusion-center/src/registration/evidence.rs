@@ -16,14 +16,14 @@
 //! `a = n₀'/V'`, `b = n₁'/V'`, `c = Σ W / V'`, `κ` as in the likelihood.
 //! Where every point is a run this is Λ of the likelihood but for points that match half.
 
-use std::collections::BTreeMap;
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::likelihood::{Link, Model, for_each_period};
 use super::modes::Mode;
-use super::prepared::Prepared;
+use super::prepared::{Prepared, Span};
 use super::runs::{RunClass, RunKind, Runs};
 
 /// Blocks of periods whose scores are kept apart.
@@ -133,28 +133,29 @@ impl Meeting {
     }
 }
 
-type Meetings = BTreeMap<(usize, usize), Meeting>;
+/// The meetings, in order of the two runs.
+type Meetings = Vec<((usize, usize), Meeting)>;
 
 /// What `mode` matches, with what runs tell counted once.
 pub(super) fn matches_of(data: &Prepared, runs: &BothRuns, mode: &Mode) -> Matches {
-    let mut likely: Vec<usize> = Vec::new();
-    let mut meetings = Meetings::new();
+    let mut likely: Vec<usize> = Vec::with_capacity(data.nodes.len());
+    let mut links: Vec<((usize, usize), Link)> = Vec::with_capacity(data.nodes.len());
     let mut block_scores = [Vector3::zeros(); BLOCK_COUNT];
     for_each_period(&mode.model(data), &mode.motion, |period, _| {
         let block = period.span_index * BLOCK_COUNT / data.spans.len();
         for link in &period.links {
             block_scores[block] += link.gradient * link.weight;
             let key = (runs.refs.of_point[link.ref_index], runs.nodes.of_point[link.node_index]);
-            meetings.entry(key).or_insert_with(|| runs.meeting(key)).add(link);
+            links.push((key, *link));
             if link.weight > 0.5 {
                 likely.push(link.ref_index);
             }
         }
     });
-    meetings.retain(|_, meeting| meeting.matched > NEGLIGIBLE_MATCH);
+    let mut meetings = gathered(runs, links);
     weigh(data, runs, &mut meetings);
     let lasting = block_ratio(data, &block_scores, &mode.covariance).max(run_ratio(&meetings));
-    let independent: f64 = meetings.values().map(|m| m.weight * m.averaged(lasting)).sum();
+    let independent: f64 = meetings.iter().map(|(_, m)| m.weight * m.averaged(lasting)).sum();
     let log_ratio = |class| class_log_ratio(data, runs, (&meetings, class), lasting);
     Matches {
         matched_count: likely.len(),
@@ -165,21 +166,27 @@ pub(super) fn matches_of(data: &Prepared, runs: &BothRuns, mode: &Mode) -> Match
     }
 }
 
+/// The meetings of which the links are, without those that are hardly any.
+fn gathered(runs: &BothRuns, mut links: Vec<((usize, usize), Link)>) -> Meetings {
+    links.sort_by_key(|(key, _)| *key);
+    let meeting_of = |same: &[((usize, usize), Link)]| {
+        let (key, _) = *same.first()?;
+        let mut meeting = runs.meeting(key);
+        same.iter().for_each(|(_, link)| meeting.add(link));
+        (meeting.matched > NEGLIGIBLE_MATCH).then_some((key, meeting))
+    };
+    links.chunk_by(|a, b| a.0 == b.0).filter_map(meeting_of).collect()
+}
+
 /// `W` of every meeting.
 fn weigh(data: &Prepared, runs: &BothRuns, meetings: &mut Meetings) {
-    let mut ref_chances = vec![0.0_f64; runs.refs.sizes.len()];
-    let mut node_chances = vec![0.0_f64; runs.nodes.sizes.len()];
-    for span in &data.spans {
-        let (refs, nodes) =
-            (&runs.refs.of_point[span.refs.clone()], &runs.nodes.of_point[span.nodes.clone()]);
-        let meets = |r: usize, j: usize| f64::from(u8::from(meetings.contains_key(&(r, j))));
-        for &r in refs {
-            ref_chances[r] += nodes.iter().map(|j| meets(r, *j)).fold(0.0, f64::max);
-        }
-        for &j in nodes {
-            node_chances[j] += refs.iter().map(|r| meets(*r, j)).fold(0.0, f64::max);
-        }
-    }
+    let (refs, nodes) = (&runs.refs, &runs.nodes);
+    let mut pairs: Vec<(usize, usize)> = meetings.iter().map(|(key, _)| *key).collect();
+    let spans = &data.spans;
+    let ref_chances = chances((refs, nodes), &pairs, spans.iter().map(Span::refs_and_nodes));
+    pairs.iter_mut().for_each(|pair| *pair = (pair.1, pair.0));
+    pairs.sort_unstable();
+    let node_chances = chances((nodes, refs), &pairs, spans.iter().map(Span::nodes_and_refs));
     for ((r, j), meeting) in meetings.iter_mut() {
         let needed = match meeting.class {
             RunClass::Tracked => MET_SHARE,
@@ -190,9 +197,38 @@ fn weigh(data: &Prepared, runs: &BothRuns, meetings: &mut Meetings) {
     }
 }
 
+/// For every run of `own` the points that had a run to meet in their period; `pairs` of runs that
+/// meet are sorted, `ranges` are the points of both sides by period.
+fn chances(
+    (own, other): (&Runs, &Runs),
+    pairs: &[(usize, usize)],
+    ranges: impl Iterator<Item = (Range<usize>, Range<usize>)>,
+) -> Vec<f64> {
+    let mut first_pair = vec![0; own.sizes.len() + 1];
+    pairs.iter().for_each(|(run, _)| first_pair[run + 1] += 1);
+    for run in 0..own.sizes.len() {
+        first_pair[run + 1] += first_pair[run];
+    }
+    let mut counts = vec![0.0; own.sizes.len()];
+    let mut last_seen = vec![0; other.sizes.len()];
+    for (period, (own_points, other_points)) in (1..).zip(ranges) {
+        other_points.for_each(|point| last_seen[other.of_point[point]] = period);
+        for point in own_points {
+            let run = own.of_point[point];
+            let partners = &pairs[first_pair[run]..first_pair[run + 1]];
+            if partners.iter().any(|(_, partner)| last_seen[*partner] == period) {
+                counts[run] += 1.0;
+            }
+        }
+    }
+    counts
+}
+
 /// Mean squared difference of two runs of tracks in units of what independent errors give.
 fn run_ratio(meetings: &Meetings) -> f64 {
-    let averaged = || meetings.values().filter(|m| m.class == RunClass::Tracked && m.matched > 2.0);
+    let averaged = || {
+        meetings.iter().map(|(_, m)| m).filter(|m| m.class == RunClass::Tracked && m.matched > 2.0)
+    };
     let free = averaged().map(|m| 2.0 * m.weight).sum::<f64>() - 3.0;
     let sum: f64 = averaged().map(|m| m.weight * m.chi_square()).sum();
     if free > MIN_FREEDOM { (sum / free).max(1.0) } else { 1.0 }
@@ -207,7 +243,7 @@ fn class_log_ratio(
 ) -> f64 {
     let ((n0, given0), (n1, given1)) =
         (runs.refs.run_and_point_count(class), runs.nodes.run_and_point_count(class));
-    let of_class = || meetings.values().filter(|meeting| meeting.class == class);
+    let of_class = || meetings.iter().map(|(_, meeting)| meeting).filter(|m| m.class == class);
     if n0 < 1.0 || n1 < 1.0 {
         return 0.0;
     }
@@ -245,7 +281,8 @@ fn place_count(data: &Prepared, ref_indices: &[usize], distance_m: f64) -> usize
         let point = &data.refs[index];
         let is_far = |&place: &usize| {
             let other = &data.refs[place];
-            (point.x - other.x).hypot(point.y - other.y) > distance_m
+            let (dx, dy) = (point.x - other.x, point.y - other.y);
+            dx * dx + dy * dy > distance_m * distance_m
         };
         if places.iter().all(is_far) {
             places.push(index);
@@ -261,7 +298,7 @@ mod tests {
     use super::super::prepared::Motion;
     use super::super::{Period, Problem};
     use super::*;
-    use crate::simulate::{Conditions, Sampler, line_paths, trial};
+    use crate::simulate::{Conditions, Sampler, large_room, line_paths, trial};
 
     fn assess(problem: &Problem, start: &Vector3<f64>) -> (Mode, Matches) {
         let data = Prepared::new(problem);
@@ -356,5 +393,34 @@ mod tests {
             let found = meeting.density_per_m2(lasting);
             assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
         }
+    }
+
+    #[test]
+    fn chances_are_the_points_with_a_partner_in_their_period() {
+        let case = large_room(4, 40);
+        let data = Prepared::new(&case.problem);
+        let runs = BothRuns::new(&data, 0.3);
+        // Any set of pairs will do.
+        let mut pairs: Vec<(usize, usize)> = (0..300)
+            .map(|k| (k * 7919 % runs.refs.sizes.len(), k * 104_729 % runs.nodes.sizes.len()))
+            .collect();
+        for span in &data.spans {
+            let (r, j) = (span.refs.start, span.nodes.start);
+            pairs.push((runs.refs.of_point[r], runs.nodes.of_point[j]));
+        }
+        pairs.sort_unstable();
+        pairs.dedup();
+        let ranges = data.spans.iter().map(Span::refs_and_nodes);
+        let found = chances((&runs.refs, &runs.nodes), &pairs, ranges);
+        let mut expected = vec![0.0; runs.refs.sizes.len()];
+        for span in &data.spans {
+            for point in span.refs.clone() {
+                let run = runs.refs.of_point[point];
+                let meets = |j: usize| pairs.contains(&(run, runs.nodes.of_point[j]));
+                expected[run] += f64::from(u8::from(span.nodes.clone().any(meets)));
+            }
+        }
+        assert_eq!(found, expected);
+        assert!(expected.iter().sum::<f64>() >= 40.0);
     }
 }

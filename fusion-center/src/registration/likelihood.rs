@@ -22,7 +22,10 @@ use nalgebra::{Matrix2, Matrix3, Vector3};
 use super::prepared::{Blob, Motion, Prepared, Span};
 
 /// Pairs whose weight is below this are nothing to the sum `1 + Σ w`.
-const NEGLIGIBLE_WEIGHT: f64 = 1e-6;
+const NEGLIGIBLE_WEIGHT: f64 = 1e-5;
+
+/// The same where poses are only ranked.
+const WEAK_WEIGHT: f64 = 1e-2;
 
 /// Largest share of common points that the model admits, so that a point is never forced to match.
 const MAX_SHARE: f64 = 0.9;
@@ -40,18 +43,34 @@ pub(super) struct Model<'a> {
     weight_m2: f64,
     /// Beyond this squared Mahalanobis distance even the sharpest pair is negligible.
     gate: f64,
+    /// Beyond this distance, metres, the squared Mahalanobis distance of any pair is.
+    reach_m: f64,
 }
 
 impl<'a> Model<'a> {
     pub(super) fn new(data: &'a Prepared, share: f64, covariance_scale: f64) -> Self {
+        Self::with_gate(data, (share, covariance_scale), NEGLIGIBLE_WEIGHT)
+    }
+
+    /// For ranking: weak pairs are left out.
+    pub(super) fn rough(data: &'a Prepared, share: f64, covariance_scale: f64) -> Self {
+        Self::with_gate(data, (share, covariance_scale), WEAK_WEIGHT)
+    }
+
+    fn with_gate(
+        data: &'a Prepared,
+        (share, covariance_scale): (f64, f64),
+        negligible: f64,
+    ) -> Self {
         let volume = data.spans.len() as f64 * data.area_m2;
         let (a, b) = (data.refs.len() as f64 / volume, data.nodes.len() as f64 / volume);
         let share = share.min(MAX_SHARE);
         let c = share * a.min(b);
         let weight_m2 = c / ((a - c) * (b - c)) / TAU;
-        let smallest_det = data.smallest_determinant() * covariance_scale.powi(2);
-        let gate = 2.0 * (weight_m2 / smallest_det.sqrt() / NEGLIGIBLE_WEIGHT).ln();
-        Self { data, share, covariance_scale, weight_m2, gate: gate.max(1.0) }
+        let smallest_root_det = data.smallest_root_det_m2 * covariance_scale;
+        let gate = (2.0 * (weight_m2 / smallest_root_det / negligible).ln()).max(1.0);
+        let reach_m = (gate * data.largest_variance_m2 * covariance_scale).sqrt();
+        Self { data, share, covariance_scale, weight_m2, gate, reach_m }
     }
 
     /// The terms of Λ that do not depend on the pose.
@@ -69,17 +88,6 @@ impl<'a> Model<'a> {
     /// The share of `matched` pairs among `fewer` points, kept off 0 and 1.
     pub(super) fn share_of(matched: f64, fewer: f64) -> f64 {
         ((matched + 0.5) / (fewer + 1.0)).min(MAX_SHARE)
-    }
-}
-
-impl Prepared {
-    /// A lower bound of the determinant of any pair's covariance, m⁴.
-    fn smallest_determinant(&self) -> f64 {
-        let smallest = |blobs: &[Blob]| {
-            blobs.iter().map(|b| b.xx * b.yy - b.xy * b.xy).fold(f64::INFINITY, f64::min)
-        };
-        // Minkowski: the root of the determinant is superadditive.
-        (smallest(&self.refs).sqrt() + smallest(&self.nodes).sqrt()).powi(2)
     }
 }
 
@@ -134,6 +142,7 @@ pub(super) struct Fit {
 }
 
 /// The links of one period and the side on which they compete.
+#[derive(Default)]
 pub(super) struct PeriodLinks {
     pub(super) span_index: usize,
     pub(super) links: Vec<Link>,
@@ -143,8 +152,7 @@ pub(super) struct PeriodLinks {
 }
 
 impl PeriodLinks {
-    fn clear(&mut self, span: &Span) {
-        self.links.clear();
+    fn clear_sums(&mut self, span: &Span) {
         for (sums, count) in self.sums.iter_mut().zip([span.refs.len(), span.nodes.len()]) {
             sums.clear();
             sums.resize(count, 1.0);
@@ -152,13 +160,13 @@ impl PeriodLinks {
     }
 
     /// Turns weights into probabilities; returns the period's part of Λ.
-    fn normalise(&mut self, span: &Span) -> f64 {
+    fn normalise(&mut self, span: &Span) -> LogProduct {
         for link in &self.links {
             self.sums[0][link.ref_index - span.refs.start] += link.weight;
             self.sums[1][link.node_index - span.nodes.start] += link.weight;
         }
-        let bounds = [log_product(&self.sums[0]), log_product(&self.sums[1])];
-        self.competing_side = usize::from(bounds[1] < bounds[0]);
+        let bounds = [LogProduct::of(&self.sums[0]), LogProduct::of(&self.sums[1])];
+        self.competing_side = usize::from(bounds[1].is_below(&bounds[0]));
         for index in 0..self.links.len() {
             let group = self.group(index, span);
             self.links[index].weight /= self.sums[self.competing_side][group];
@@ -187,42 +195,96 @@ impl PeriodLinks {
 }
 
 /// `Σ ln f` of factors of at least 1, with few logarithms.
-fn log_product(factors: &[f64]) -> f64 {
-    let mut product = 1.0;
-    let mut log = 0.0;
-    for factor in factors {
-        product *= factor;
-        if product > LARGE_PRODUCT {
-            log += product.ln();
-            product = 1.0;
-        }
-    }
-    log + product.ln()
+#[derive(Clone, Copy, Debug)]
+struct LogProduct {
+    /// The product that no longer fitted, as a logarithm.
+    log: f64,
+    product: f64,
 }
 
-/// Λ alone, over the given periods and without the terms free of the pose: for ranking.
-pub(super) fn score(model: &Model<'_>, motion: &Motion, span_indices: &[usize]) -> f64 {
-    let mut by_ref: Vec<f64> = Vec::with_capacity(16);
-    let mut total = 0.0;
-    for &span_index in span_indices {
-        let span = &model.data.spans[span_index];
-        by_ref.clear();
-        by_ref.resize(span.refs.len(), 1.0);
-        let mut by_node_log = 0.0;
-        for node in &model.data.nodes[span.nodes.clone()] {
-            let mapped = motion.apply(node);
-            let mut by_node = 1.0;
-            for (sum, point) in by_ref.iter_mut().zip(&model.data.refs[span.refs.clone()]) {
-                let weight = pair_weight(model, point, &mapped);
-                *sum += weight;
-                by_node += weight;
-            }
-            // A point without partner is the usual case; it needs no logarithm.
-            by_node_log += if by_node > 1.0 { by_node.ln() } else { 0.0 };
-        }
-        total += if by_node_log > 0.0 { by_node_log.min(log_product(&by_ref)) } else { 0.0 };
+impl LogProduct {
+    const ONE: Self = Self { log: 0.0, product: 1.0 };
+
+    fn of(factors: &[f64]) -> Self {
+        let mut all = Self::ONE;
+        factors.iter().for_each(|factor| all.multiply(*factor));
+        all
     }
-    total
+
+    fn multiply(&mut self, factor: f64) {
+        self.product *= factor;
+        if self.product > LARGE_PRODUCT {
+            self.log += self.product.ln();
+            self.product = 1.0;
+        }
+    }
+
+    fn multiply_by(&mut self, other: &Self) {
+        self.log += other.log;
+        self.multiply(other.product);
+    }
+
+    fn is_below(&self, other: &Self) -> bool {
+        if self.log > 0.0 || other.log > 0.0 {
+            self.ln() < other.ln()
+        } else {
+            self.product < other.product
+        }
+    }
+
+    fn ln(&self) -> f64 {
+        self.log + self.product.ln()
+    }
+}
+
+/// Λ alone, without the terms free of the pose: for ranking. `by_ref` is room for the sums of the
+/// reference's points.
+pub(super) fn score(model: &Model<'_>, motion: &Motion, by_ref: &mut Vec<f64>) -> f64 {
+    let mut total = LogProduct::ONE;
+    for span in &model.data.spans {
+        by_ref.clear();
+        let mut by_node = LogProduct::ONE;
+        for node in &model.data.nodes[span.nodes.clone()] {
+            let mut sum = 1.0;
+            for_each_near(model, motion, (span, node), |ref_index, mapped| {
+                let weight = pair_weight(model, &model.data.refs[ref_index], mapped);
+                by_ref.resize(span.refs.len(), 1.0);
+                by_ref[ref_index - span.refs.start] += weight;
+                sum += weight;
+            });
+            by_node.multiply(sum);
+        }
+        if !by_ref.is_empty() {
+            let bounds = [by_node, LogProduct::of(by_ref)];
+            total.multiply_by(&bounds[usize::from(bounds[1].is_below(&bounds[0]))]);
+        }
+    }
+    total.ln()
+}
+
+/// Visits the reference's points of a period that are within reach of the node's point, with that
+/// point in the reference frame.
+fn for_each_near(
+    model: &Model<'_>,
+    motion: &Motion,
+    (span, node): (&Span, &Blob),
+    mut visit: impl FnMut(usize, &Blob),
+) {
+    let (turned_x, turned_y) = motion.turned(node.x, node.y);
+    let (x, y) = (turned_x + motion.x, turned_y + motion.y);
+    let mut mapped = None;
+    let (gate, node_trace) = (model.gate * model.covariance_scale, node.xx + node.yy);
+    for ref_index in model.data.refs_from(span, x, model.reach_m) {
+        let point = &model.data.refs[ref_index];
+        let (dx, dy) = (point.x - x, point.y - y);
+        if dx > model.reach_m {
+            break;
+        }
+        // The largest variance is below the trace.
+        if dx * dx + dy * dy <= gate * (point.xx + point.yy + node_trace) {
+            visit(ref_index, mapped.get_or_insert_with(|| motion.apply(node)));
+        }
+    }
 }
 
 fn pair_weight(model: &Model<'_>, point: &Blob, mapped: &Blob) -> f64 {
@@ -245,27 +307,32 @@ fn pair_weight(model: &Model<'_>, point: &Blob, mapped: &Blob) -> f64 {
 pub(super) fn for_each_period(
     model: &Model<'_>,
     motion: &Motion,
+    visit: impl FnMut(&PeriodLinks, &Span),
+) -> f64 {
+    for_each_period_in(&mut PeriodLinks::default(), model, motion, visit)
+}
+
+/// As [`for_each_period`], with room that is used again.
+fn for_each_period_in(
+    period: &mut PeriodLinks,
+    model: &Model<'_>,
+    motion: &Motion,
     mut visit: impl FnMut(&PeriodLinks, &Span),
 ) -> f64 {
-    let mut period = PeriodLinks {
-        span_index: 0,
-        links: Vec::with_capacity(16),
-        sums: [Vec::with_capacity(16), Vec::with_capacity(16)],
-        competing_side: 0,
-    };
-    let mut total = model.pose_free_terms();
+    let mut total = LogProduct::ONE;
     for (span_index, span) in model.data.spans.iter().enumerate() {
         period.span_index = span_index;
-        period.clear(span);
+        period.links.clear();
         for node_index in span.nodes.clone() {
             collect_links(model, motion, span, (node_index, &mut period.links));
         }
         if !period.links.is_empty() {
-            total += period.normalise(span);
-            visit(&period, span);
+            period.clear_sums(span);
+            total.multiply_by(&period.normalise(span));
+            visit(period, span);
         }
     }
-    total
+    model.pose_free_terms() + total.ln()
 }
 
 fn collect_links(
@@ -274,16 +341,14 @@ fn collect_links(
     span: &Span,
     (node_index, links): (usize, &mut Vec<Link>),
 ) {
-    let mapped = motion.apply(&model.data.nodes[node_index]);
-    for ref_index in span.refs.clone() {
+    for_each_near(model, motion, (span, &model.data.nodes[node_index]), |ref_index, mapped| {
         let point = &model.data.refs[ref_index];
-        let weight = pair_weight(model, point, &mapped);
+        let weight = pair_weight(model, point, mapped);
         if weight > 0.0 {
-            let mut link = differentiate(motion, point, &mapped, model.covariance_scale);
-            (link.ref_index, link.node_index, link.weight) = (ref_index, node_index, weight);
-            links.push(link);
+            let link = differentiate(motion, point, mapped, model.covariance_scale);
+            links.push(Link { ref_index, node_index, weight, ..link });
         }
-    }
+    });
 }
 
 /// `∂ ln N(d; 0, S)`: by the shift `S⁻¹ d`; by the heading through the mapped point and through
@@ -315,26 +380,49 @@ pub(super) fn differentiate(motion: &Motion, point: &Blob, mapped: &Blob, scale:
     }
 }
 
-/// Λ and its derivatives at a pose.
-pub(super) fn evaluate(model: &Model<'_>, motion: &Motion) -> Fit {
-    let mut fit = Fit {
+/// Room that evaluations use again.
+#[derive(Default)]
+pub(super) struct Room {
+    period: PeriodLinks,
+    means: Vec<Vector3<f64>>,
+}
+
+impl Fit {
+    const NOTHING: Self = Self {
         log_ratio: 0.0,
-        gradient: Vector3::zeros(),
-        complete: Matrix3::zeros(),
-        lost: Matrix3::zeros(),
+        gradient: Vector3::new(0.0, 0.0, 0.0),
+        complete: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        lost: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         matched: 0.0,
         chi_square: 0.0,
     };
-    let mut means = Vec::with_capacity(16);
-    fit.log_ratio = for_each_period(model, motion, |period, span| {
-        for link in &period.links {
-            fit.gradient += link.gradient * link.weight;
-            fit.complete += link.information() * link.weight;
-            fit.matched += link.weight;
-            fit.chi_square += link.weight * link.chi_square;
+
+    fn add(&mut self, links: &[Link]) {
+        for link in links {
+            self.gradient += link.gradient * link.weight;
+            self.complete += link.information() * link.weight;
+            self.matched += link.weight;
+            self.chi_square += link.weight * link.chi_square;
         }
-        fit.lost += period.lost_information(span, &mut means);
+    }
+}
+
+/// Λ and its derivatives at a pose.
+pub(super) fn evaluate(model: &Model<'_>, motion: &Motion) -> Fit {
+    let mut room = Room::default();
+    let mut fit = Fit::NOTHING;
+    fit.log_ratio = for_each_period_in(&mut room.period, model, motion, |period, span| {
+        fit.add(&period.links);
+        fit.lost += period.lost_information(span, &mut room.means);
     });
+    fit
+}
+
+/// As [`evaluate`], without what the unknown matching costs, which a climb does not need.
+pub(super) fn evaluate_slope(model: &Model<'_>, motion: &Motion, room: &mut Room) -> Fit {
+    let mut fit = Fit::NOTHING;
+    fit.log_ratio =
+        for_each_period_in(&mut room.period, model, motion, |period, _| fit.add(&period.links));
     fit
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, Matrix3, Vector3};
 
-use super::likelihood::{Fit, Model, evaluate};
+use super::likelihood::{Fit, Model, Room, evaluate, evaluate_slope};
 use super::prepared::{Motion, Prepared};
 
 /// Share of common points assumed before the data say anything.
@@ -10,14 +10,16 @@ pub(super) const START_SHARE: f64 = 0.5;
 
 /// Factor on all covariances while the pose is still coarse, and how many steps that lasts.
 const COARSE_SCALE: f64 = 4.0;
-const COARSE_STEP_COUNT: usize = 4;
+const COARSE_STEP_COUNT: usize = 6;
 const FINE_STEP_COUNT: usize = 20;
 
 /// Times a step that lowers the likelihood is halved before the climb ends.
 const HALVING_COUNT: usize = 6;
 
-/// A step shorter than this, squared and in units of the covariance, ends the climb.
-const CONVERGED: f64 = 1e-7;
+/// A climb ends after a step shorter than this, squared and in units of the covariance, and a change
+/// of the share below the other; what is left is a small part of that.
+const CONVERGED: (f64, f64) = (1e-6, 3e-4);
+const COARSELY_CONVERGED: (f64, f64) = (1e-2, 3e-2);
 
 /// Loss of log likelihood that rounding may cause.
 const ROUNDING: f64 = 1e-9;
@@ -91,18 +93,24 @@ pub(super) fn separated(
 /// Climbs from `start` to a maximum of the likelihood ratio in pose and share, first with wide
 /// covariances. `None` where fewer than two points meet: no information about the heading.
 pub(super) fn refine(data: &Prepared, start: Motion) -> Option<Mode> {
-    refine_fine(data, &climb(data, (start, START_SHARE), COARSE_SCALE, COARSE_STEP_COUNT))
+    refine_fine(data, &climb_coarsely(data, start))
 }
 
 fn refine_fine(data: &Prepared, coarse: &Climbed) -> Option<Mode> {
     refine_from(data, (coarse.motion, coarse.share), 1.0)
 }
 
-/// As [`refine`], unless the start stays hopeless with wide covariances against `others`.
-pub(super) fn refine_hopeful(data: &Prepared, start: Motion, others: &[Mode]) -> Option<Mode> {
+/// As [`refine`], unless the start stays hopeless with wide covariances against `others`. The
+/// climb with wide covariances is over `rough`, some of the periods of `data`.
+pub(super) fn refine_hopeful(
+    (rough, data): (&Prepared, &Prepared),
+    start: Motion,
+    others: &[Mode],
+) -> Option<Mode> {
     let best = others.iter().map(|mode| mode.fit.log_ratio).fold(0.0, f64::max);
-    let coarse = climb(data, (start, START_SHARE), COARSE_SCALE, COARSE_STEP_COUNT);
-    (coarse.log_ratio >= HOPELESS_SHARE * best).then(|| refine_fine(data, &coarse)).flatten()
+    let part = rough.nodes.len() as f64 / data.nodes.len() as f64;
+    let coarse = climb_coarsely(rough, start);
+    is_hopeful(coarse.fit.log_ratio, best * part).then(|| refine_fine(data, &coarse)).flatten()
 }
 
 /// Climbs from a pose and share near a maximum.
@@ -111,8 +119,21 @@ pub(super) fn refine_from(
     start: (Motion, f64),
     covariance_scale: f64,
 ) -> Option<Mode> {
-    let fine = climb(data, start, covariance_scale, FINE_STEP_COUNT);
+    let limits = Limits { step_count: FINE_STEP_COUNT, converged: CONVERGED };
+    let fine = climb(data, start, covariance_scale, &limits);
+    if fine.is_complete {
+        return mode_of(fine, covariance_scale);
+    }
     mode_at(data, (fine.motion, fine.share), covariance_scale)
+}
+
+fn climb_coarsely(data: &Prepared, start: Motion) -> Climbed {
+    let limits = Limits { step_count: COARSE_STEP_COUNT, converged: COARSELY_CONVERGED };
+    climb(data, (start, START_SHARE), COARSE_SCALE, &limits)
+}
+
+fn is_hopeful(log_ratio: f64, best: f64) -> bool {
+    log_ratio >= HOPELESS_SHARE * best.max(0.0)
 }
 
 /// The modes again with all covariances widened until the best one's residuals agree with them.
@@ -132,16 +153,19 @@ pub(super) fn rescaled(data: &Prepared, modes: Vec<Mode>, merge_distance_m: f64)
 }
 
 /// The maxima that the starts climb to, without duplicates, likeliest first. Starts that stay
-/// hopeless with wide covariances do not climb on: they can neither win nor be rivals.
-pub(super) fn refine_all(data: &Prepared, starts: &[Motion], merge_distance_m: f64) -> Vec<Mode> {
-    let mut coarse: Vec<Climbed> = starts
-        .iter()
-        .map(|start| climb(data, (*start, START_SHARE), COARSE_SCALE, COARSE_STEP_COUNT))
-        .collect();
-    coarse.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
-    let hope = coarse.first().map_or(0.0, |best| HOPELESS_SHARE * best.log_ratio.max(0.0));
+/// hopeless with wide covariances, over `rough`, some of the periods of `data`, do not climb on:
+/// they can neither win nor be rivals.
+pub(super) fn refine_all(
+    (rough, data): (&Prepared, &Prepared),
+    starts: &[Motion],
+    merge_distance_m: f64,
+) -> Vec<Mode> {
+    let mut coarse: Vec<Climbed> =
+        starts.iter().map(|start| climb_coarsely(rough, *start)).collect();
+    coarse.sort_by(|a, b| b.fit.log_ratio.total_cmp(&a.fit.log_ratio));
+    let best = coarse.first().map_or(0.0, |best| best.fit.log_ratio);
     let mut kept: Vec<Climbed> = Vec::with_capacity(coarse.len());
-    for climbed in coarse.into_iter().filter(|climbed| climbed.log_ratio >= hope) {
+    for climbed in coarse.into_iter().filter(|one| is_hopeful(one.fit.log_ratio, best)) {
         let is_far = |other: &Climbed| {
             data.displacement_m(&other.motion, &climbed.motion)
                 > COARSE_MERGE_SHARE * merge_distance_m
@@ -167,6 +191,11 @@ pub(super) fn fixed(data: &Prepared, motion: Motion) -> Option<Mode> {
 fn mode_at(data: &Prepared, at: (Motion, f64), covariance_scale: f64) -> Option<Mode> {
     let (motion, share) = at;
     let fit = evaluate(&Model::new(data, share, covariance_scale), &motion);
+    mode_of(Climbed { motion, share, fit, is_complete: true }, covariance_scale)
+}
+
+fn mode_of(climbed: Climbed, covariance_scale: f64) -> Option<Mode> {
+    let Climbed { motion, share, fit, .. } = climbed;
     let covariance = covariance(&fit)?;
     let finite = motion.x.is_finite() && motion.y.is_finite() && motion.cos.is_finite();
     let mode = Mode { motion, share, covariance_scale, fit, covariance };
@@ -174,11 +203,19 @@ fn mode_at(data: &Prepared, at: (Motion, f64), covariance_scale: f64) -> Option<
 }
 
 /// Where a climb ended.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Climbed {
     motion: Motion,
     share: f64,
-    log_ratio: f64,
+    fit: Fit,
+    /// Whether the fit holds what the unknown matching costs.
+    is_complete: bool,
+}
+
+/// When a climb ends.
+struct Limits {
+    step_count: usize,
+    converged: (f64, f64),
 }
 
 /// Expectation maximisation with one Gauss-Newton step per round, halved while it does not climb.
@@ -186,36 +223,41 @@ fn climb(
     data: &Prepared,
     (start, start_share): (Motion, f64),
     covariance_scale: f64,
-    step_count: usize,
+    limits: &Limits,
 ) -> Climbed {
-    let (mut motion, mut share) = (start, start_share);
-    let mut fit = evaluate(&Model::new(data, share, covariance_scale), &motion);
-    for _ in 0..step_count {
-        let Some(step) = gauss_newton_step(&fit) else { break };
-        let next_share = Model::share_from(data, fit.matched);
-        let model = Model::new(data, next_share, covariance_scale);
-        let Some((moved, next)) = first_climbing(&model, &motion, &step, fit.log_ratio) else {
-            break;
-        };
-        let length = step.dot(&(fit.complete * step));
-        let settled = length < CONVERGED && (next_share - share).abs() < 1e-4;
-        (motion, share, fit) = (moved, next_share, next);
-        if settled {
-            break;
+    let mut room = Room::default();
+    let first = Model::new(data, start_share, covariance_scale);
+    let mut at = Climbed {
+        motion: start,
+        share: start_share,
+        fit: evaluate_slope(&first, &start, &mut room),
+        is_complete: false,
+    };
+    for _ in 0..limits.step_count {
+        let Some(step) = gauss_newton_step(&at.fit) else { break };
+        let share = Model::share_from(data, at.fit.matched);
+        let model = Model::new(data, share, covariance_scale);
+        let length = step.dot(&(at.fit.complete * step));
+        if length < limits.converged.0 && (share - at.share).abs() < limits.converged.1 {
+            let motion = at.motion.plus(&step);
+            return Climbed { motion, share, fit: evaluate(&model, &motion), is_complete: true };
         }
+        let from = (&at.motion, at.fit.log_ratio);
+        let Some((motion, fit)) = first_climbing(&model, from, &step, &mut room) else { break };
+        at = Climbed { motion, share, fit, is_complete: false };
     }
-    Climbed { motion, share, log_ratio: fit.log_ratio }
+    at
 }
 
 fn first_climbing(
     model: &Model<'_>,
-    from: &Motion,
+    (from, level): (&Motion, f64),
     step: &Vector3<f64>,
-    level: f64,
+    room: &mut Room,
 ) -> Option<(Motion, Fit)> {
     (0..HALVING_COUNT).find_map(|halving| {
         let moved = from.plus(&(step * 0.5_f64.powi(i32::try_from(halving).ok()?)));
-        let fit = evaluate(model, &moved);
+        let fit = evaluate_slope(model, &moved, room);
         (fit.log_ratio >= level - ROUNDING * level.abs().max(1.0)).then_some((moved, fit))
     })
 }

@@ -1,24 +1,45 @@
 //! The default solver: pair hypotheses, robust maximum likelihood, decision.
+//!
+//! Hypotheses compete on some of the periods first, the best of them on more, and the best of these
+//! climb: with wide covariances on those periods, then with the stated ones on all.
 
 use serde::{Deserialize, Serialize};
 
 use super::decide::{DecisionConfig, decide_among};
-use super::hypotheses::{propose, propose_few};
+use super::hypotheses::{Draws, Hypothesis, all, are_few, heaped};
 use super::likelihood::{Model, score};
-use super::modes::{
-    Mode, START_SHARE, merged, refine_all, refine_from, refine_hopeful, rescaled, separated,
-};
-use super::prepared::{Motion, Prepared, Span};
+use super::modes::{Mode, START_SHARE, merged, refine_all, refine_from, refine_hopeful, rescaled};
+use super::prepared::{Motion, Place, Prepared, apart_m2};
 use super::{Known, Problem, Solution, Solver};
 
 /// Factor on all covariances while hypotheses are ranked: they carry the errors of two points.
 const RANKING_SCALE: f64 = 2.0;
 
-/// Hypotheses that a ranking over some periods passes on to the ranking over all of them.
+/// Hypotheses that the first ranking passes on to the second.
 const SHORT_LIST_COUNT: usize = 128;
 
 /// How far these are apart, as a share of the distance of starts.
 const SHORT_LIST_SHARE: f64 = 0.3;
+
+/// Points of the node that the second ranking looks at per one of the first.
+const SECOND_RANKING_FACTOR: usize = 4;
+
+/// Hypotheses drawn at a time, and those near the best one that end the drawing: another pose with
+/// a third of its matches, and so a tenth of its hypotheses, is then missed in one search of ten
+/// thousand.
+const BATCH_COUNT: usize = 64;
+const ENOUGH_COUNT: usize = 100;
+
+/// Before a drawn hypothesis is ranked, it is looked at on a share of the points, and given up where
+/// it has less than this share of the best one's score there.
+const GLANCE_SHARE: f64 = 0.2;
+const GLANCE_FACTOR: usize = 3;
+
+/// Share of the best score below which a start is given up; the larger one where the score is also
+/// less than `WEAK_SCORE`, which two pairs of points reach.
+const HOPELESS_SHARE: f64 = 0.12;
+const WEAK_SHARE: f64 = 0.25;
+const WEAK_SCORE: f64 = 25.0;
 
 /// Fresh hypotheses per solution that starts from known modes.
 const FRESH_COUNT: usize = 48;
@@ -40,8 +61,8 @@ pub struct PairwiseConfig {
     pub exhaustive_pair_limit: usize,
     /// Most hypotheses that are ranked.
     pub max_hypothesis_count: usize,
-    /// Pairs of points that the first ranking of one hypothesis looks at.
-    pub ranking_pair_count: usize,
+    /// Points of the node that the first ranking of one hypothesis looks at.
+    pub ranking_point_count: usize,
     /// Separated hypotheses that are refined.
     pub mode_count: usize,
     /// Poses that carry the node's points less than this apart, metres, are the same pose.
@@ -54,9 +75,9 @@ impl Default for PairwiseConfig {
             seed: 1,
             min_baseline_m: 0.5,
             length_gate_sigma: 3.0,
-            exhaustive_pair_limit: 200_000,
+            exhaustive_pair_limit: 4_000,
             max_hypothesis_count: 2_000,
-            ranking_pair_count: 300,
+            ranking_point_count: 96,
             mode_count: 10,
             merge_distance_m: 0.1,
         }
@@ -107,12 +128,43 @@ impl Pairwise {
 
     /// The modes from nothing.
     fn search(&self, data: &Prepared) -> Vec<Mode> {
+        let rankings = Rankings::new(data, self.config.ranking_point_count);
         let radius_m = self.separation_m(data);
-        let pair_count = self.config.ranking_pair_count;
-        let ranked = rank(data, propose(data, &self.config), (pair_count, radius_m));
-        let starts = separated(data, &ranked, self.config.mode_count, radius_m);
-        let modes = refine_all(data, &starts, self.config.merge_distance_m);
-        rescaled(data, modes, self.config.merge_distance_m)
+        let ranked = if are_few(data, &self.config) {
+            let heaps = heaped(data, &all(data, &self.config), radius_m);
+            rankings.first().all_of(heaps.into_iter())
+        } else {
+            self.drawn(data, &rankings.first(), radius_m)
+        };
+        let starts = rankings.narrowed(ranked, (self.config.mode_count, radius_m));
+        let merge_distance_m = self.config.merge_distance_m;
+        let modes = refine_all((rankings.second().data, data), &starts, merge_distance_m);
+        rescaled(data, modes, merge_distance_m)
+    }
+
+    /// Draws until enough hypotheses agree with the best one.
+    fn drawn(&self, data: &Prepared, ranking: &Ranking<'_>, radius_m: f64) -> Vec<Ranked> {
+        let glance_data = data.thinned(self.config.ranking_point_count / GLANCE_FACTOR);
+        let glance = glance_data.as_ref().map(Ranking::new);
+        let mut draws = Draws::new(data, &self.config);
+        let mut ranked: Vec<Ranked> = Vec::new();
+        let (mut left, mut best_glance) = (self.config.max_hypothesis_count, 0.0_f64);
+        while left > 0 {
+            let mut batch = draws.next(left.min(BATCH_COUNT));
+            batch.truncate(left);
+            if batch.is_empty() {
+                break;
+            }
+            left -= batch.len();
+            if let Some(glance) = &glance {
+                best_glance = keep_hopeful(glance, &mut batch, best_glance);
+            }
+            ranked.extend(ranking.all_of(batch.iter().map(|drawn| drawn.motion)));
+            if agreeing_count(&ranked, radius_m) >= ENOUGH_COUNT {
+                break;
+            }
+        }
+        ranked
     }
 
     /// The modes from the known ones and the best of a few fresh hypotheses; `None` where they
@@ -121,50 +173,147 @@ impl Pairwise {
         let merge_distance_m = self.config.merge_distance_m;
         let mut modes: Vec<Mode> =
             known.starts().filter_map(|start| refine_from(data, start, 1.0)).collect();
-        let config = PairwiseConfig {
-            seed: self.config.seed.wrapping_add(u64::from(known.resumed_count()) + 1),
-            max_hypothesis_count: FRESH_COUNT.min(self.config.max_hypothesis_count),
-            ..self.config.clone()
-        };
-        let radius_m = self.separation_m(data);
-        let is_new = |motion: &&Motion| {
-            modes.iter().all(|mode| data.displacement_m(&mode.motion, motion) > radius_m)
-        };
-        let drawn = propose_few(data, &config);
-        let ranked = rank(data, drawn, (config.ranking_pair_count, radius_m));
-        let fresh = ranked.iter().find(is_new).copied();
-        modes.extend(fresh.and_then(|motion| refine_hopeful(data, motion, &modes)));
+        if let Some((rough, fresh)) = self.fresh(data, known, &modes) {
+            modes.extend(refine_hopeful((rough.as_ref().unwrap_or(data), data), fresh, &modes));
+        }
         let modes = rescaled(data, merged(data, modes, merge_distance_m), merge_distance_m);
         known.still_explains(data, &modes).then_some(modes)
     }
+
+    /// The best of a few fresh hypotheses that is none of the modes, and the periods on which it
+    /// was best where these are not all.
+    fn fresh(
+        &self,
+        data: &Prepared,
+        known: &Known,
+        modes: &[Mode],
+    ) -> Option<(Option<Prepared>, Motion)> {
+        let config = PairwiseConfig {
+            seed: self.config.seed.wrapping_add(u64::from(known.resumed_count()) + 1),
+            ..self.config.clone()
+        };
+        let radius_m = self.separation_m(data);
+        let is_new = |drawn: &Hypothesis| {
+            let is_far = |mode: &Mode| data.displacement_m(&mode.motion, &drawn.motion) > radius_m;
+            modes.iter().all(is_far)
+        };
+        let count = FRESH_COUNT.min(config.max_hypothesis_count);
+        let drawn = Draws::new(data, &config).next(count);
+        let fresh = drawn.into_iter().take(count).filter(is_new).map(|drawn| drawn.motion);
+        let rankings = Rankings::new(data, config.ranking_point_count);
+        let ranked = rankings.first().all_of(fresh);
+        let best = rankings.narrowed(ranked, (1, radius_m)).first().copied()?;
+        Some((rankings.second, best))
+    }
 }
 
-/// Hypotheses, best first. Where periods are many, all hypotheses compete on evenly spread ones of
-/// about `pair_count` pairs, and of those that are some way apart the best compete on all.
-fn rank(
-    data: &Prepared,
-    motions: Vec<Motion>,
-    (pair_count, radius_m): (usize, f64),
-) -> Vec<Motion> {
-    if motions.is_empty() {
-        return motions;
-    }
-    let model = Model::new(data, START_SHARE, RANKING_SCALE);
-    let given: usize = data.spans.iter().map(Span::pair_count).sum();
-    let stride = (given / pair_count.max(1)).max(1);
-    let some: Vec<usize> = (0..data.spans.len()).step_by(stride).collect();
-    let ranked = sorted_by_score(&model, motions, &some);
-    if stride == 1 {
-        return ranked;
-    }
-    let short_list = separated(data, &ranked, SHORT_LIST_COUNT, SHORT_LIST_SHARE * radius_m);
-    let all: Vec<usize> = (0..data.spans.len()).collect();
-    sorted_by_score(&model, short_list, &all)
+/// Leaves out what does badly against the best so far; returns that one's score.
+fn keep_hopeful(glance: &Ranking<'_>, batch: &mut Vec<Hypothesis>, best: f64) -> f64 {
+    let mut room = Vec::new();
+    let mut most = best;
+    batch.retain(|drawn| {
+        let found = score(&glance.model, &drawn.motion, &mut room);
+        most = most.max(found);
+        found >= GLANCE_SHARE * most
+    });
+    most
 }
 
-fn sorted_by_score(model: &Model<'_>, motions: Vec<Motion>, spans: &[usize]) -> Vec<Motion> {
-    let mut scored: Vec<(f64, Motion)> =
-        motions.into_iter().map(|motion| (score(model, &motion, spans), motion)).collect();
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    scored.into_iter().map(|(_, motion)| motion).collect()
+/// How many are at the best one's place.
+fn agreeing_count(ranked: &[Ranked], radius_m: f64) -> usize {
+    let best = ranked.iter().max_by(|a, b| a.score.total_cmp(&b.score));
+    let count_near = |place: &Place| {
+        let limit_m2 = radius_m * radius_m;
+        ranked.iter().filter(|one| apart_m2(place, &one.place) < limit_m2).count()
+    };
+    best.map_or(0, |one| count_near(&one.place))
+}
+
+/// A hypothesis and how well it did.
+#[derive(Clone, Copy, Debug)]
+struct Ranked {
+    score: f64,
+    motion: Motion,
+    place: Place,
+}
+
+/// Some of the periods, on which hypotheses compete.
+struct Ranking<'a> {
+    data: &'a Prepared,
+    model: Model<'a>,
+}
+
+impl<'a> Ranking<'a> {
+    fn new(data: &'a Prepared) -> Self {
+        Self { data, model: Model::rough(data, START_SHARE, RANKING_SCALE) }
+    }
+
+    fn all_of(&self, motions: impl Iterator<Item = Motion>) -> Vec<Ranked> {
+        let mut room = Vec::new();
+        let ranked = |motion: Motion| Ranked {
+            score: score(&self.model, &motion, &mut room),
+            motion,
+            place: self.data.place(&motion),
+        };
+        motions.map(ranked).collect()
+    }
+}
+
+/// Few periods, and more; all where there is `None`.
+struct Rankings<'a> {
+    first: Option<Prepared>,
+    second: Option<Prepared>,
+    all: &'a Prepared,
+}
+
+impl<'a> Rankings<'a> {
+    fn new(data: &'a Prepared, point_count: usize) -> Self {
+        Self {
+            first: data.thinned(point_count),
+            second: data.thinned(point_count.saturating_mul(SECOND_RANKING_FACTOR)),
+            all: data,
+        }
+    }
+
+    fn first(&self) -> Ranking<'_> {
+        Ranking::new(self.first.as_ref().unwrap_or(self.all))
+    }
+
+    fn second(&self) -> Ranking<'_> {
+        Ranking::new(self.second.as_ref().unwrap_or(self.all))
+    }
+
+    /// The best `count` that are `radius_m` apart: of those some way apart that did best in the
+    /// first ranking the best in the second.
+    fn narrowed(&self, ranked: Vec<Ranked>, (count, radius_m): (usize, f64)) -> Vec<Motion> {
+        let sorted = if self.first.is_some() {
+            let short = best_apart(ranked, SHORT_LIST_COUNT, SHORT_LIST_SHARE * radius_m);
+            self.second().all_of(short.iter().map(|one| one.motion))
+        } else {
+            ranked
+        };
+        let starts = best_apart(sorted, count, radius_m);
+        let best = starts.first().map_or(0.0, |start| start.score);
+        let is_hopeful = |one: &&Ranked| {
+            one.score >= WEAK_SHARE * best
+                || one.score >= HOPELESS_SHARE * best && one.score >= WEAK_SCORE
+        };
+        starts.iter().filter(is_hopeful).map(|one| one.motion).collect()
+    }
+}
+
+/// The `count` best, each at least `radius_m` away from every better one.
+fn best_apart(mut ranked: Vec<Ranked>, count: usize, radius_m: f64) -> Vec<Ranked> {
+    ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let limit_m2 = radius_m * radius_m;
+    let mut kept: Vec<Ranked> = Vec::with_capacity(count.min(ranked.len()));
+    for one in ranked {
+        if kept.len() == count {
+            break;
+        }
+        if kept.iter().all(|other| apart_m2(&other.place, &one.place) > limit_m2) {
+            kept.push(one);
+        }
+    }
+    kept
 }

@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use proto::geom::{Frame, Gaussian, Node, Ref, Se2};
 use proto::measured::line_of_sight;
 
-use super::Problem;
+use super::{Period, Problem};
 
 /// Points farther out are no radar measurement; their squares would cost digits.
 const MAX_COORDINATE_M: f64 = 1e5;
@@ -16,6 +16,9 @@ const MIN_DETERMINANT_M4: f64 = 1e-16;
 
 /// A uniform rectangle's area over the root of its covariance's determinant.
 const AREA_OF_RECTANGLE: f64 = 12.0;
+
+/// Points of a period that are looked at one by one.
+const FEW_POINTS: usize = 8;
 
 /// Added to the spread of points, so that points on a line still cover an area.
 const MIN_SPREAD_M: f64 = 0.5;
@@ -43,12 +46,18 @@ impl Blob {
     }
 }
 
-fn usable<F: Frame>(points: &[Gaussian<F>], half_depth_sigma_m: f64) -> Vec<Blob> {
-    points.iter().filter_map(|point| Blob::usable(point, half_depth_sigma_m)).collect()
+/// Appends the usable points; returns how many were left out.
+fn append<F: Frame>(to: &mut Vec<Blob>, points: &[Gaussian<F>], half_depth_sigma_m: f64) -> usize {
+    let before = to.len();
+    to.extend(points.iter().filter_map(|point| Blob::usable(point, half_depth_sigma_m)));
+    points.len() - (to.len() - before)
 }
 
 /// The covariance with `σ²` added along the line of sight.
 fn widened<F: Frame>(point: &Gaussian<F>, half_depth_sigma_m: f64) -> Matrix2<f64> {
+    if half_depth_sigma_m <= 0.0 {
+        return point.cov_m2;
+    }
     let outward = line_of_sight(&point.mean.coords_m);
     point.cov_m2 + outward * outward.transpose() * half_depth_sigma_m.powi(2)
 }
@@ -113,9 +122,28 @@ impl Span {
     pub(super) fn pair_count(&self) -> usize {
         self.refs.len() * self.nodes.len()
     }
+
+    pub(super) fn refs_and_nodes(&self) -> (Range<usize>, Range<usize>) {
+        (self.refs.clone(), self.nodes.clone())
+    }
+
+    pub(super) fn nodes_and_refs(&self) -> (Range<usize>, Range<usize>) {
+        (self.nodes.clone(), self.refs.clone())
+    }
 }
 
-/// All periods with usable points on both sides.
+/// Where a motion carries the node's points: their middle, then the heading's direction times
+/// their spread. The distance of two such places is that of the points, up to a factor `√2`.
+pub(super) type Place = [f64; 4];
+
+/// Squared distance of two places, m².
+pub(super) fn apart_m2(a: &Place, b: &Place) -> f64 {
+    let square = |index: usize| (a[index] - b[index]) * (a[index] - b[index]);
+    square(0) + square(1) + square(2) + square(3)
+}
+
+/// All periods with usable points on both sides. The reference's points of a period are in order
+/// of their first coordinate, so that those near a place are found fast.
 #[derive(Clone, Debug)]
 pub(super) struct Prepared {
     pub(super) refs: Vec<Blob>,
@@ -130,43 +158,85 @@ pub(super) struct Prepared {
     pub(super) node_spread_m: f64,
     /// Root mean square standard deviation per axis of the difference of two points.
     pub(super) typical_sigma_m: f64,
+    /// A lower bound of the root of the determinant of any pair's covariance, m².
+    pub(super) smallest_root_det_m2: f64,
+    /// An upper bound of the variance of any pair in any direction, m².
+    pub(super) largest_variance_m2: f64,
 }
 
 impl Prepared {
     pub(super) fn new(problem: &Problem) -> Self {
-        let mut prepared = Self::empty();
+        let count =
+            |of: fn(&Period) -> usize| -> usize { problem.periods.iter().map(of).sum::<usize>() };
+        let counts = [count(|one| one.in_ref.len()), count(|one| one.in_node.len())];
+        let mut prepared = Self::empty(counts, problem.periods.len());
         for (period_index, period) in problem.periods.iter().enumerate() {
-            let refs = usable(&period.in_ref, problem.ref_half_depth_sigma_m);
-            let nodes = usable(&period.in_node, problem.node_half_depth_sigma_m);
-            prepared.ignored_count += period.in_ref.len() - refs.len();
-            prepared.ignored_count += period.in_node.len() - nodes.len();
-            if refs.is_empty() || nodes.is_empty() {
-                continue;
-            }
-            let (ref_start, node_start) = (prepared.refs.len(), prepared.nodes.len());
-            prepared.refs.extend(refs);
-            prepared.nodes.extend(nodes);
-            let span = Span {
-                period_index,
-                refs: ref_start..prepared.refs.len(),
-                nodes: node_start..prepared.nodes.len(),
-            };
-            prepared.spans.push(span);
+            prepared.add(period_index, period, problem);
         }
         prepared.measure();
         prepared
     }
 
-    fn empty() -> Self {
+    fn add(&mut self, period_index: usize, period: &Period, problem: &Problem) {
+        let (ref_start, node_start) = (self.refs.len(), self.nodes.len());
+        self.ignored_count +=
+            append(&mut self.refs, &period.in_ref, problem.ref_half_depth_sigma_m)
+                + append(&mut self.nodes, &period.in_node, problem.node_half_depth_sigma_m);
+        let (refs, nodes) = (ref_start..self.refs.len(), node_start..self.nodes.len());
+        if refs.is_empty() || nodes.is_empty() {
+            self.refs.truncate(ref_start);
+            self.nodes.truncate(node_start);
+            return;
+        }
+        self.refs[refs.clone()].sort_by(|a, b| a.x.total_cmp(&b.x));
+        self.spans.push(Span { period_index, refs, nodes });
+    }
+
+    /// Evenly spread ones of the node's points, about `node_count`, with the periods that hold them;
+    /// `None` where that would be more than half of all.
+    pub(super) fn thinned(&self, node_count: usize) -> Option<Self> {
+        let stride = self.nodes.len() / node_count.max(1);
+        if stride < 2 {
+            return None;
+        }
+        let mut thin = Self::empty([0; 2], 0);
+        let mut next = stride / 2;
+        for span in self.spans.iter() {
+            let (ref_start, node_start) = (thin.refs.len(), thin.nodes.len());
+            while next < span.nodes.end {
+                thin.nodes.push(self.nodes[next]);
+                next += stride;
+            }
+            let nodes = node_start..thin.nodes.len();
+            if !nodes.is_empty() {
+                thin.refs.extend_from_slice(&self.refs[span.refs.clone()]);
+                let refs = ref_start..thin.refs.len();
+                thin.spans.push(Span { period_index: span.period_index, refs, nodes });
+            }
+        }
+        Some(Self {
+            area_m2: self.area_m2,
+            node_center_m: self.node_center_m,
+            node_spread_m: self.node_spread_m,
+            typical_sigma_m: self.typical_sigma_m,
+            smallest_root_det_m2: self.smallest_root_det_m2,
+            largest_variance_m2: self.largest_variance_m2,
+            ..thin
+        })
+    }
+
+    fn empty([ref_count, node_count]: [usize; 2], period_count: usize) -> Self {
         Self {
-            refs: Vec::new(),
-            nodes: Vec::new(),
-            spans: Vec::new(),
+            refs: Vec::with_capacity(ref_count),
+            nodes: Vec::with_capacity(node_count),
+            spans: Vec::with_capacity(period_count),
             ignored_count: 0,
             area_m2: 1.0,
             node_center_m: Vector2::zeros(),
             node_spread_m: 0.0,
             typical_sigma_m: 0.0,
+            smallest_root_det_m2: 0.0,
+            largest_variance_m2: 0.0,
         }
     }
 
@@ -180,16 +250,44 @@ impl Prepared {
         self.node_center_m = center;
         self.node_spread_m = node_spread.trace().sqrt();
         self.typical_sigma_m = (mean_variance(&self.refs) + mean_variance(&self.nodes)).sqrt();
+        // Minkowski: the root of the determinant is superadditive.
+        let (ref_least, ref_most) = extremes(&self.refs);
+        let (node_least, node_most) = extremes(&self.nodes);
+        self.smallest_root_det_m2 = ref_least.sqrt() + node_least.sqrt();
+        self.largest_variance_m2 = ref_most + node_most;
+    }
+
+    /// The reference's points of a period from the first on that is within `reach_m` of `x`; from
+    /// the first of all where they are few.
+    pub(super) fn refs_from(&self, span: &Span, x: f64, reach_m: f64) -> Range<usize> {
+        let refs = &self.refs[span.refs.clone()];
+        let passed =
+            if refs.len() <= FEW_POINTS { 0 } else { refs.partition_point(|p| p.x < x - reach_m) };
+        span.refs.start + passed..span.refs.end
+    }
+
+    /// Where `motion` carries the node's points.
+    pub(super) fn place(&self, motion: &Motion) -> Place {
+        let (x, y) = motion.turned(self.node_center_m.x, self.node_center_m.y);
+        let spread = self.node_spread_m;
+        [x + motion.x, y + motion.y, spread * motion.cos, spread * motion.sin]
     }
 
     /// How far two motions carry the node's points apart, metres.
     pub(super) fn displacement_m(&self, a: &Motion, b: &Motion) -> f64 {
         let (ax, ay) = a.turned(self.node_center_m.x, self.node_center_m.y);
         let (bx, by) = b.turned(self.node_center_m.x, self.node_center_m.y);
-        let shift = (ax + a.x - bx - b.x).hypot(ay + a.y - by - b.y);
-        let chord = (a.cos - b.cos).hypot(a.sin - b.sin);
-        shift + chord * self.node_spread_m
+        let (dx, dy) = (ax + a.x - bx - b.x, ay + a.y - by - b.y);
+        let (dc, ds) = (a.cos - b.cos, a.sin - b.sin);
+        (dx * dx + dy * dy).sqrt() + (dc * dc + ds * ds).sqrt() * self.node_spread_m
     }
+}
+
+/// Smallest determinant, m⁴, and largest trace, m².
+fn extremes(blobs: &[Blob]) -> (f64, f64) {
+    blobs.iter().fold((f64::INFINITY, 0.0_f64), |(least, most), b| {
+        (least.min(b.xx * b.yy - b.xy * b.xy), most.max(b.xx + b.yy))
+    })
 }
 
 fn spread(blobs: &[Blob]) -> (Vector2<f64>, Matrix2<f64>) {
@@ -215,8 +313,8 @@ fn mean_variance(blobs: &[Blob]) -> f64 {
 mod tests {
     use proto::geom::Point;
 
-    use super::super::Period;
     use super::*;
+    use crate::simulate::{Conditions, Paths, Sampler, large_room};
 
     fn gaussian<F: Frame>(x: f64, y: f64, cov: [f64; 3]) -> Gaussian<F> {
         let cov_m2 = Matrix2::new(cov[0], cov[1], cov[1], cov[2]);
@@ -261,6 +359,44 @@ mod tests {
             assert!((found - expected.cov_m2).norm() < 1e-15);
             let position = Vector2::new(moved.x, moved.y);
             assert!((position - expected.mean.coords_m).norm() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn thinned_points_are_evenly_spread_and_keep_their_periods() {
+        let data = Prepared::new(&large_room(3, 40).problem);
+        let thin = data.thinned(25).unwrap();
+        assert!((20..=30).contains(&thin.nodes.len()), "{}", thin.nodes.len());
+        assert!(data.thinned(data.nodes.len() / 2 + 1).is_none());
+        let bits = |blob: &Blob| (blob.x.to_bits(), blob.y.to_bits());
+        for span in &thin.spans {
+            let mut same = data.spans.iter().filter(|one| one.period_index == span.period_index);
+            let whole = same.next().unwrap();
+            let refs = thin.refs[span.refs.clone()].iter().map(bits);
+            assert!(refs.eq(data.refs[whole.refs.clone()].iter().map(bits)));
+            for node in &thin.nodes[span.nodes.clone()] {
+                let mut given = data.nodes[whole.nodes.clone()].iter().map(bits);
+                assert!(given.any(|one| one == bits(node)));
+            }
+        }
+        let covered = thin.spans.last().unwrap().period_index - thin.spans[0].period_index;
+        assert!(covered > 30, "{covered}");
+    }
+
+    #[test]
+    fn no_point_within_reach_is_passed_over() {
+        let scene = Paths::from([vec![Vector2::new(3.0, 4.0); 12]]);
+        let mut case = Sampler::new(2).observe(&scene, &Conditions::CLEAN);
+        for (index, point) in case.problem.periods[0].in_ref.iter_mut().enumerate() {
+            point.mean.coords_m.x = (index * 5 % 12) as f64;
+        }
+        let data = Prepared::new(&case.problem);
+        let span = &data.spans[0];
+        for (x, reach_m) in [(3.2, 1.5), (-9.0, 1.0), (40.0, 3.0), (5.0, 100.0)] {
+            let passed = span.refs.start..data.refs_from(span, x, reach_m).start;
+            assert!(data.refs[passed.clone()].iter().all(|point| point.x < x - reach_m));
+            let expected = (0..12).filter(|at| f64::from(*at) < x - reach_m).count();
+            assert_eq!(passed.len(), expected, "{x}");
         }
     }
 }

@@ -11,6 +11,8 @@
 //!
 //! Assumes periods of equal length. Cost: points of one period times open stretches.
 
+use std::ops::Range;
+
 use super::prepared::{Blob, Span};
 
 /// 99.7 % of the squared distances of a point from its prediction in the plane.
@@ -64,42 +66,41 @@ impl Runs {
     pub(super) fn new(
         blobs: &[Blob],
         spans: &[Span],
-        points_of: impl Fn(&Span) -> std::ops::Range<usize>,
+        points_of: impl Fn(&Span) -> Range<usize>,
         place_distance_m: f64,
     ) -> Self {
-        let mut stretches: Vec<Stretch> = Vec::new();
-        let mut open: Vec<usize> = Vec::new();
+        let mut all = Stretches::of(blobs.len());
         for span in spans {
-            let at = span.period_index as f64;
-            open.retain(|index| at - stretches[*index].last <= MAX_PAUSE);
-            extend(&mut stretches, &mut open, (blobs, points_of(span)), at);
+            all.extend(blobs, points_of(span), span.period_index as f64);
         }
-        Self::of_stretches(&stretches, blobs.len(), place_distance_m)
+        Self::of_stretches(&all.with_members(), blobs.len(), place_distance_m)
     }
 
-    fn of_stretches(stretches: &[Stretch], point_count: usize, place_distance_m: f64) -> Self {
+    fn of_stretches(
+        stretches: &[(Stretch, &[usize])],
+        point_count: usize,
+        place_distance_m: f64,
+    ) -> Self {
         let mut runs =
             Self { of_point: vec![0; point_count], sizes: Vec::new(), kinds: Vec::new() };
         let mut places: Vec<(f64, f64, usize)> = Vec::new();
-        let is_place =
-            |s: &&Stretch| s.members.len() >= TRACKED_COUNT && s.travelled_m() < place_distance_m;
-        for stretch in stretches.iter().filter(is_place) {
+        let is_place = |s: &Stretch| s.count >= TRACKED_COUNT && s.travelled_m() < place_distance_m;
+        for (stretch, members) in stretches.iter().filter(|(stretch, _)| is_place(stretch)) {
             let run = run_at(&places, stretch, place_distance_m).unwrap_or_else(|| {
                 places.push((stretch.mean_x, stretch.mean_y, runs.sizes.len()));
                 runs.open(RunKind::Place)
             });
-            runs.put(run, &stretch.members);
+            runs.put(run, members);
         }
-        for stretch in stretches.iter().filter(|stretch| !is_place(stretch)) {
-            let known = run_at(&places, stretch, place_distance_m);
+        for (stretch, members) in stretches.iter().filter(|(stretch, _)| !is_place(stretch)) {
             if stretch.is_walk() {
-                let (first, second) = stretch.members.split_at(stretch.members.len() / 2);
+                let (first, second) = members.split_at(members.len() / 2);
                 runs.put_new(RunKind::Walk, first);
                 runs.put_new(RunKind::Walk, second);
-            } else if let Some(run) = known {
-                runs.put(run, &stretch.members);
+            } else if let Some(run) = run_at(&places, stretch, place_distance_m) {
+                runs.put(run, members);
             } else {
-                stretch.members.iter().for_each(|one| runs.put_new(RunKind::Single, &[*one]));
+                members.iter().for_each(|one| runs.put_new(RunKind::Single, &[*one]));
             }
         }
         runs
@@ -138,13 +139,17 @@ impl Runs {
 }
 
 fn run_at(places: &[(f64, f64, usize)], of: &Stretch, reach_m: f64) -> Option<usize> {
-    let is_near = |(x, y, _): &&(f64, f64, usize)| (of.mean_x - x).hypot(of.mean_y - y) < reach_m;
+    let is_near = |(x, y, _): &&(f64, f64, usize)| {
+        let (dx, dy) = (of.mean_x - x, of.mean_y - y);
+        dx * dx + dy * dy < reach_m * reach_m
+    };
     places.iter().find(is_near).map(|(_, _, run)| *run)
 }
 
 /// Points on one line in time, with the running least-squares fit.
+#[derive(Clone, Copy)]
 struct Stretch {
-    members: Vec<usize>,
+    count: usize,
     first: f64,
     last: f64,
     mean_t: f64,
@@ -157,9 +162,9 @@ struct Stretch {
 }
 
 impl Stretch {
-    fn new(member: usize, blob: &Blob, at: f64) -> Self {
+    fn new(blob: &Blob, at: f64) -> Self {
         Self {
-            members: vec![member],
+            count: 1,
             first: at,
             last: at,
             mean_t: at,
@@ -171,10 +176,10 @@ impl Stretch {
         }
     }
 
-    fn add(&mut self, member: usize, blob: &Blob, at: f64) {
-        self.members.push(member);
+    fn add(&mut self, blob: &Blob, at: f64) {
+        self.count += 1;
         self.last = at;
-        let count = self.members.len() as f64;
+        let count = self.count as f64;
         let (dt, dx, dy) = (at - self.mean_t, blob.x - self.mean_x, blob.y - self.mean_y);
         self.mean_t += dt / count;
         self.mean_x += dx / count;
@@ -191,62 +196,139 @@ impl Stretch {
 
     /// Whether there are enough points, and close enough in time, to be one target's.
     fn is_walk(&self) -> bool {
-        let count = self.members.len() as f64;
-        self.members.len() >= TRACKED_COUNT
-            && count >= FILLED_SHARE * (self.last - self.first + 1.0)
+        self.count >= TRACKED_COUNT
+            && self.count as f64 >= FILLED_SHARE * (self.last - self.first + 1.0)
     }
 
     fn travelled_m(&self) -> f64 {
         let (vx, vy) = self.velocity();
-        vx.hypot(vy) * (self.last - self.first)
+        (vx * vx + vy * vy).sqrt() * (self.last - self.first)
     }
 
-    /// How badly the point fits, smaller is better; `None` where it does not belong.
-    fn misfit(&self, blob: &Blob, at: f64) -> Option<f64> {
+    fn predict(&self, at: f64) -> Prediction {
         let ahead = at - self.mean_t;
         let (vx, vy) = self.velocity();
-        let (dx, dy) = (blob.x - self.mean_x - vx * ahead, blob.y - self.mean_y - vy * ahead);
-        let det = blob.xx * blob.yy - blob.xy * blob.xy;
-        let chi_square = (dx * dx * blob.yy - 2.0 * dx * dy * blob.xy + dy * dy * blob.xx) / det;
         let lever = if self.tt > 0.0 { ahead * ahead / self.tt } else { 0.0 };
-        let share = chi_square / (GATE * (1.0 + 1.0 / self.members.len() as f64 + lever));
-        if share <= 1.0 {
-            return Some(share);
+        let may_start = self.count == 1 && at - self.last <= FIRST_PAUSE;
+        Prediction {
+            x: self.mean_x + vx * ahead,
+            y: self.mean_y + vy * ahead,
+            gate: GATE * (1.0 + 1.0 / self.count as f64 + lever),
+            first_step_m: if may_start { FIRST_STEP_M } else { 0.0 },
         }
-        let step_m = dx.hypot(dy);
-        let may_start =
-            self.members.len() == 1 && at - self.last <= FIRST_PAUSE && step_m <= FIRST_STEP_M;
-        may_start.then_some(1.0 + step_m)
     }
 }
 
-/// Gives every point of a period to the stretch it fits best, longest stretches first, or to a new
-/// one.
-fn extend(
-    stretches: &mut Vec<Stretch>,
-    open: &mut Vec<usize>,
-    (blobs, points): (&[Blob], std::ops::Range<usize>),
-    at: f64,
-) {
-    let mut fits: Vec<(bool, f64, usize, usize)> = Vec::new();
-    for &index in open.iter() {
-        let stretch = &stretches[index];
-        let is_young = stretch.members.len() < TRACKED_COUNT;
-        fits.extend(points.clone().filter_map(|point| {
-            Some((is_young, stretch.misfit(&blobs[point], at)?, index, point))
-        }));
+/// Where a stretch leads.
+struct Prediction {
+    x: f64,
+    y: f64,
+    /// Largest squared Mahalanobis distance of a point that belongs.
+    gate: f64,
+    /// How far a point may be that would be the second.
+    first_step_m: f64,
+}
+
+impl Prediction {
+    /// How badly the point fits, smaller is better; `None` where it does not belong.
+    fn misfit(&self, blob: &Blob) -> Option<f64> {
+        let (dx, dy) = (blob.x - self.x, blob.y - self.y);
+        let square_m2 = dx * dx + dy * dy;
+        let start_m2 = self.first_step_m * self.first_step_m;
+        // The largest variance is below the trace.
+        if square_m2 > (self.gate * (blob.xx + blob.yy)).max(start_m2) {
+            return None;
+        }
+        let det = blob.xx * blob.yy - blob.xy * blob.xy;
+        let chi_square = (dx * dx * blob.yy - 2.0 * dx * dy * blob.xy + dy * dy * blob.xx) / det;
+        let share = chi_square / self.gate;
+        if share <= 1.0 {
+            return Some(share);
+        }
+        (square_m2 <= start_m2).then(|| 1.0 + square_m2.sqrt())
     }
-    fits.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let mut is_taken = vec![false; points.len()];
-    for (_, _, index, point) in fits {
-        if !is_taken[point - points.start] && stretches[index].last < at {
-            is_taken[point - points.start] = true;
-            stretches[index].add(point, &blobs[point], at);
+}
+
+/// A point that may belong to a stretch.
+struct Belonging {
+    is_young: bool,
+    misfit: f64,
+    stretch: usize,
+    point: usize,
+}
+
+/// The stretches of one side while its points come in.
+struct Stretches {
+    all: Vec<Stretch>,
+    open: Vec<usize>,
+    /// The stretch of each point.
+    of_point: Vec<usize>,
+    /// Room for the points of one period.
+    fits: Vec<Belonging>,
+    is_taken: Vec<bool>,
+    members: Vec<usize>,
+}
+
+impl Stretches {
+    fn of(point_count: usize) -> Self {
+        Self {
+            all: Vec::with_capacity(point_count),
+            open: Vec::new(),
+            of_point: vec![0; point_count],
+            fits: Vec::new(),
+            is_taken: Vec::new(),
+            members: Vec::new(),
         }
     }
-    for point in points.clone().filter(|point| !is_taken[point - points.start]) {
-        open.push(stretches.len());
-        stretches.push(Stretch::new(point, &blobs[point], at));
+
+    /// Gives every point of a period to the stretch it fits best, longest stretches first, or to a
+    /// new one.
+    fn extend(&mut self, blobs: &[Blob], points: Range<usize>, at: f64) {
+        self.open.retain(|index| at - self.all[*index].last <= MAX_PAUSE);
+        self.fits.clear();
+        for &stretch in &self.open {
+            let is_young = self.all[stretch].count < TRACKED_COUNT;
+            let ahead = self.all[stretch].predict(at);
+            let belonging = |point: usize| {
+                let misfit = ahead.misfit(&blobs[point])?;
+                Some(Belonging { is_young, misfit, stretch, point })
+            };
+            self.fits.extend(points.clone().filter_map(belonging));
+        }
+        self.fits.sort_by(|a, b| a.is_young.cmp(&b.is_young).then(a.misfit.total_cmp(&b.misfit)));
+        self.is_taken.clear();
+        self.is_taken.resize(points.len(), false);
+        for fit in &self.fits {
+            let is_taken = &mut self.is_taken[fit.point - points.start];
+            if !*is_taken && self.all[fit.stretch].last < at {
+                *is_taken = true;
+                self.all[fit.stretch].add(&blobs[fit.point], at);
+                self.of_point[fit.point] = fit.stretch;
+            }
+        }
+        for point in points.clone().filter(|point| !self.is_taken[point - points.start]) {
+            self.of_point[point] = self.all.len();
+            self.open.push(self.all.len());
+            self.all.push(Stretch::new(&blobs[point], at));
+        }
+    }
+
+    /// Every stretch with its points in order of time.
+    fn with_members(&mut self) -> Vec<(Stretch, &[usize])> {
+        let mut next: Vec<usize> = Vec::with_capacity(self.all.len());
+        let mut start = 0;
+        for stretch in &self.all {
+            next.push(start);
+            start += stretch.count;
+        }
+        self.members.resize(start, 0);
+        for (point, stretch) in self.of_point.iter().enumerate() {
+            self.members[next[*stretch]] = point;
+            next[*stretch] += 1;
+        }
+        let with =
+            |(stretch, end): (&Stretch, usize)| (*stretch, &self.members[end - stretch.count..end]);
+        self.all.iter().zip(next).map(with).collect()
     }
 }
 
@@ -324,9 +406,9 @@ mod tests {
     fn the_prediction_is_that_of_the_normal_equations() {
         let blob = |x: f64, y: f64| Blob { x, y, xx: 0.02, xy: 0.005, yy: 0.03 };
         let seen = [(2.0, 0.1, 1.0), (3.0, 0.3, 0.8), (5.0, 0.55, 0.3), (6.0, 0.75, 0.2)];
-        let mut stretch = Stretch::new(0, &blob(seen[0].1, seen[0].2), seen[0].0);
-        for (index, (at, x, y)) in seen.iter().enumerate().skip(1) {
-            stretch.add(index, &blob(*x, *y), *at);
+        let mut stretch = Stretch::new(&blob(seen[0].1, seen[0].2), seen[0].0);
+        for (at, x, y) in seen.iter().skip(1) {
+            stretch.add(&blob(*x, *y), *at);
         }
         let design = nalgebra::Matrix4x2::from_fn(|row, c| if c == 0 { 1.0 } else { seen[row].0 });
         let values =
@@ -339,7 +421,7 @@ mod tests {
         let d = nalgebra::Vector2::new(point.x, point.y) - line.transpose() * ahead;
         let cov = nalgebra::Matrix2::new(point.xx, point.xy, point.xy, point.yy);
         let expected = d.dot(&(cov.try_inverse().unwrap() * d)) / (GATE * factor);
-        let found = stretch.misfit(&point, 9.0).unwrap();
+        let found = stretch.predict(9.0).misfit(&point).unwrap();
         assert!((found - expected).abs() < 1e-12, "{found} {expected}");
     }
 }

@@ -37,7 +37,7 @@ impl SolverConfig {
             ("default.length_gate_sigma", default.length_gate_sigma, 0.5, 100.0),
             ("default.exhaustive_pair_limit", count(default.exhaustive_pair_limit), 0.0, 1e9),
             ("default.max_hypothesis_count", count(default.max_hypothesis_count), 1.0, 1e6),
-            ("default.ranking_pair_count", count(default.ranking_pair_count), 1.0, 1e6),
+            ("default.ranking_point_count", count(default.ranking_point_count), 1.0, 1e6),
             ("default.mode_count", count(default.mode_count), 2.0, 1e3),
             ("default.merge_distance_m", default.merge_distance_m, 1e-6, 10.0),
             ("swarm.particle_count", count(swarm.particle_count), 1.0, 1e6),
