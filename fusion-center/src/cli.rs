@@ -68,6 +68,8 @@ struct Flags {
 enum SolverFlag {
     Default,
     Swarm,
+    Graph,
+    L2,
 }
 
 #[derive(Debug, Subcommand)]
@@ -138,6 +140,8 @@ impl Arguments {
             None => config.solver.kind,
             Some(SolverFlag::Default) => SolverKind::Default,
             Some(SolverFlag::Swarm) => SolverKind::Swarm,
+            Some(SolverFlag::Graph) => SolverKind::Graph,
+            Some(SolverFlag::L2) => SolverKind::L2,
         };
         let origin =
             self.config.as_deref().map_or("command line".into(), |path| path.display().to_string());

@@ -13,8 +13,11 @@ use serde::{Deserialize, Serialize};
 
 mod decide;
 mod evidence;
+mod graph;
 mod hypotheses;
+mod judged;
 mod known;
+mod l2;
 mod likelihood;
 mod modes;
 pub mod objective;
@@ -26,12 +29,16 @@ mod swarm;
 mod symmetry;
 
 #[cfg(test)]
+mod baseline_tests;
+#[cfg(test)]
 mod degenerate_tests;
 #[cfg(test)]
 mod statistics_tests;
 
 pub use decide::DecisionConfig;
+pub use graph::{Graph, GraphConfig};
 pub use known::Known;
+pub use l2::{L2, L2Config, L2Optimum};
 pub use pairwise::{Pairwise, PairwiseConfig};
 pub use settings::InvalidSolver;
 pub use swarm::{Swarm, SwarmConfig};
@@ -236,6 +243,10 @@ pub enum SolverKind {
     Default,
     /// The particle swarm of \[registration\]: [`Swarm`].
     Swarm,
+    /// Complete-graph matching, the baseline of \[registration\]: [`Graph`].
+    Graph,
+    /// The global optimum of the objective of \[registration\]: [`L2`].
+    L2,
 }
 
 /// Settings of registration.
@@ -244,12 +255,16 @@ pub enum SolverKind {
 pub struct SolverConfig {
     /// Which solver to use.
     pub kind: SolverKind,
-    /// When a pose counts as determined; both solvers.
+    /// When a pose counts as determined; all solvers.
     pub decision: DecisionConfig,
     /// Settings of the default solver.
     pub default: PairwiseConfig,
     /// Settings of the particle swarm.
     pub swarm: SwarmConfig,
+    /// Settings of graph matching.
+    pub graph: GraphConfig,
+    /// Settings of the global search for the L2 optimum.
+    pub l2: L2Config,
 }
 
 /// The solver that `config` names.
@@ -260,6 +275,8 @@ pub fn build(config: &SolverConfig) -> Box<dyn Solver> {
             Box::new(Pairwise::new(config.default.clone(), config.decision.clone()))
         }
         SolverKind::Swarm => Box::new(Swarm::new(config.swarm.clone(), config.decision.clone())),
+        SolverKind::Graph => Box::new(Graph::new(config.graph.clone(), config.decision.clone())),
+        SolverKind::L2 => Box::new(L2::new(config.l2.clone(), config.decision.clone())),
     }
 }
 
@@ -274,6 +291,10 @@ mod tests {
         assert_eq!(build(&config).name(), "swarm");
         assert_eq!(config.swarm.particle_count, 7);
         assert_eq!(build(&SolverConfig::default()).name(), "default");
+        for name in ["graph", "l2"] {
+            let of_name: SolverConfig = toml::from_str(&format!("kind = \"{name}\"")).unwrap();
+            assert_eq!(build(&of_name).name(), name);
+        }
         for bad in ["kind = \"magic\"", "[default]\nhypotheses = 3", "[decision]\nx = 1"] {
             assert!(toml::from_str::<SolverConfig>(bad).is_err(), "{bad}");
         }

@@ -20,7 +20,7 @@ impl SolverConfig {
     /// # Errors
     /// Names the first field that makes no sense, its value and what would do.
     pub fn check(&self) -> Result<(), InvalidSolver> {
-        let Self { decision, default, swarm, .. } = self;
+        let Self { decision, default, swarm, graph, l2, .. } = self;
         let count = |count: usize| count as f64;
         for (name, value, least, most) in [
             ("decision.min_matched_count", count(decision.min_matched_count), 3.0, 1e6),
@@ -48,6 +48,13 @@ impl SolverConfig {
             ("swarm.inertia", swarm.inertia, 0.0, 2.0),
             ("swarm.own_pull", swarm.own_pull, 0.0, 10.0),
             ("swarm.swarm_pull", swarm.swarm_pull, 0.0, 10.0),
+            ("swarm.stop_below_per_m2", swarm.stop_below_per_m2, -1e12, 0.0),
+            ("graph.common_count", count(graph.common_count), 0.0, 1e6),
+            ("graph.max_candidate_count", count(graph.max_candidate_count), 1.0, 5e3),
+            ("graph.max_branch_count", count(graph.max_branch_count), 0.0, 1e9),
+            ("l2.covariance_scale", l2.covariance_scale, 1e-3, 1e3),
+            ("l2.relative_gap", l2.relative_gap, 1e-6, 1.0),
+            ("l2.max_box_count", count(l2.max_box_count), 1.0, 1e9),
         ] {
             if !(least..=most).contains(&value) {
                 return Err(InvalidSolver { name, value, least, most });
@@ -68,5 +75,11 @@ mod tests {
         config.swarm.inertia = f64::NAN;
         let complaint = config.check().unwrap_err().to_string();
         assert_eq!(complaint, "solver.swarm.inertia is NaN: use 0 to 2");
+        let mut unbounded = SolverConfig::default();
+        unbounded.graph.max_candidate_count = 1_000_000;
+        assert!(unbounded.check().unwrap_err().to_string().contains("graph.max_candidate_count"));
+        let mut endless = SolverConfig::default();
+        endless.l2.relative_gap = 0.0;
+        assert!(endless.check().unwrap_err().to_string().contains("l2.relative_gap"));
     }
 }
