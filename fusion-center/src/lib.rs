@@ -10,3 +10,4 @@ pub mod pipeline;
 pub mod registration;
 pub mod service;
 pub mod simulate;
+pub mod simulate_site;

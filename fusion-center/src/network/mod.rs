@@ -8,11 +8,23 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Matrix3;
 use proto::geom::{Gaussian, Node, Point, Ref, Se2};
 use proto::ids::NodeId;
 
-use crate::registration::{Outcome, Period, PoseEstimate, Problem, Solution, Solver};
+use crate::registration::{Period, PoseEstimate, Problem, Solution, Solver};
+
+mod adjust;
+mod combine;
+mod dense;
+mod graph;
+mod pairs;
+mod refine;
+mod relative;
+#[cfg(test)]
+mod site_cases;
+
+pub use combine::combine_judged;
+pub use refine::refine;
 
 /// What one node saw in one period.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -56,10 +68,39 @@ pub struct Edge {
 /// One node's place in its group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placed {
-    /// The pose in the frame of the group's gauge.
+    /// The pose in the frame of the group's gauge, with its marginal covariance.
     pub estimate: PoseEstimate,
-    /// The nodes through which the pose came, the gauge first, this node last.
+    /// The nodes through which the pose came by the fewest edges, the gauge first, this node last.
     pub via: Vec<NodeId>,
+    /// What speaks for the place.
+    pub standing: Standing,
+}
+
+/// What speaks for a node's place.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Standing {
+    /// The group's frame is this node's.
+    Gauge,
+    /// Loops of edges agree: no single edge carries the place.
+    Confirmed {
+        /// Edges across the weakest cut between the gauge and this node, at least two.
+        way_count: usize,
+    },
+    /// At least one edge on the way to the gauge is in no loop. It is determined, but were it
+    /// wrong, nothing would tell.
+    Unconfirmed,
+    /// As many edges speak for other places. Only found in [`Group::doubtful`].
+    Undecided {
+        /// The other poses, in the frame of the group's gauge.
+        rivals: Vec<Se2<Ref, Node>>,
+    },
+    /// No other node's place is known in this one's frame.
+    Alone {
+        /// Edges of this node without a usable pose.
+        unusable_count: usize,
+        /// Edges of this node that others contradict.
+        contradicted_count: usize,
+    },
 }
 
 /// Nodes whose poses hang together.
@@ -68,8 +109,87 @@ pub struct Group {
     /// The node whose frame the poses are in: the reference where it belongs to the group, else
     /// the first by name.
     pub gauge: NodeId,
-    /// Every node of the group, the gauge with the identity.
+    /// Every node of the group, the gauge with the identity. All places are determined.
     pub nodes: BTreeMap<NodeId, Placed>,
+    /// Nodes of other groups that edges join to this one without deciding where they are: the
+    /// likeliest pose, [`Standing::Undecided`]. For display, never for use.
+    pub doubtful: BTreeMap<NodeId, Placed>,
+    /// What [`refine`] did.
+    pub refinement: Refinement,
+}
+
+/// What the joint refinement of a group did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Refinement {
+    /// Poses and covariances are those of the edges.
+    Untried,
+    /// Poses and covariances are those of the measured points of all nodes together.
+    Joint {
+        /// Points that met points of other nodes, expected number.
+        matched_count: f64,
+        /// Sum of squared residuals in units of their variance.
+        chi_square: f64,
+        /// Its expectation.
+        degrees_of_freedom: f64,
+        /// The largest factor by which a covariance was widened because residuals contradict the
+        /// stated ones or last longer than a period; 1 where they agree.
+        covariance_inflation: f64,
+    },
+    /// It was tried, and the poses of the edges were kept.
+    Refused {
+        /// What spoke against it.
+        reason: RefusedRefinement,
+    },
+}
+
+/// Why poses from the joint refinement are not used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RefusedRefinement {
+    /// The points that meet do not determine all nodes.
+    Undetermined,
+    /// The points are less likely under the refined poses than under those of the edges.
+    Unlikelier {
+        /// Logarithm of the likelihood of the edges' poses less that of the refined ones.
+        log_loss: f64,
+    },
+    /// A node moved farther than the edges allow.
+    Moved {
+        /// Squared distance in units of the edges' covariance.
+        chi_square: f64,
+    },
+}
+
+/// What became of an edge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Verdict {
+    /// It has no usable pose, or one of its nodes is unknown.
+    Unusable,
+    /// It carries the poses.
+    Kept {
+        /// Which of its rivals turned out right; `None` for its own estimate.
+        rival_index: Option<usize>,
+        /// Squared distance from what all other edges say, 3 expected; `None` where they say
+        /// nothing.
+        loop_chi_square: Option<f64>,
+    },
+    /// Others contradict it.
+    Rejected {
+        /// Squared distance from what the others say.
+        loop_chi_square: f64,
+        /// Edges across the weakest cut between its nodes.
+        against_count: usize,
+    },
+    /// As many edges contradict it as agree with it, or it is ambiguous and no other decides.
+    Undecided,
+}
+
+/// Groups, and what became of every edge.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Combined {
+    /// Groups, that of the reference first.
+    pub groups: Vec<Group>,
+    /// By edge.
+    pub verdicts: Vec<Verdict>,
 }
 
 /// The poses of all nodes.
@@ -78,8 +198,10 @@ pub struct SiteSolution {
     /// Groups, that of the reference first. A node without any determined edge is a group of its
     /// own.
     pub groups: Vec<Group>,
-    /// Every pair that was tried.
+    /// Every pair that was solved.
     pub edges: Vec<Edge>,
+    /// What became of every edge.
+    pub verdicts: Vec<Verdict>,
 }
 
 impl SiteProblem {
@@ -110,61 +232,21 @@ impl SiteProblem {
     }
 }
 
-/// Solves every pair of nodes with common periods and combines the poses.
-#[must_use]
-pub fn solve_site(problem: &SiteProblem, solver: &dyn Solver) -> SiteSolution {
-    let mut edges = Vec::new();
-    for (index, first) in problem.views.keys().enumerate() {
-        for second in problem.views.keys().skip(index + 1) {
-            let pair = problem.pair(first, second);
-            if !pair.periods.is_empty() {
-                let solution = solver.solve(&pair, None);
-                edges.push(Edge { first: first.clone(), second: second.clone(), solution });
-            }
-        }
-    }
-    let nodes: Vec<NodeId> = problem.views.keys().cloned().collect();
-    let groups = combine(&problem.reference, &nodes, &edges);
-    SiteSolution { groups, edges }
-}
-
-/// The groups that the determined edges join.
+/// The groups that the edges join, that of the reference first. Each node is in exactly one.
 #[must_use]
 pub fn combine(reference: &NodeId, nodes: &[NodeId], edges: &[Edge]) -> Vec<Group> {
-    let mut left: Vec<NodeId> = nodes.to_vec();
-    left.sort_by_key(|node| (node != reference, node.clone()));
-    let mut groups = Vec::new();
-    while !left.is_empty() {
-        let gauge = left.remove(0);
-        let identity =
-            PoseEstimate { pose_ref_from_node: Se2::identity(), covariance: Matrix3::zeros() };
-        let mut group = Group { gauge: gauge.clone(), nodes: BTreeMap::new() };
-        group.nodes.insert(gauge.clone(), Placed { estimate: identity, via: vec![gauge] });
-        while let Some((node, placed)) = next_neighbour(&group, edges) {
-            left.retain(|other| *other != node);
-            group.nodes.insert(node, placed);
-        }
-        groups.push(group);
-    }
-    groups
+    combine_judged(reference, nodes, edges).groups
 }
 
-fn next_neighbour(group: &Group, edges: &[Edge]) -> Option<(NodeId, Placed)> {
-    edges.iter().filter(|edge| edge.solution.outcome == Outcome::Determined).find_map(|edge| {
-        let placed = group.nodes.get(&edge.first)?;
-        let estimate =
-            edge.solution.estimate.filter(|_| !group.nodes.contains_key(&edge.second))?;
-        let second = edge.second.clone();
-        let via = [&placed.via[..], std::slice::from_ref(&second)].concat();
-        let pose = placed.estimate.pose_ref_from_node;
-        // `Node` of the first is the frame that the edge calls `Ref`.
-        let step = Se2::<Node, Node>::new(
-            estimate.pose_ref_from_node.translation_m().x,
-            estimate.pose_ref_from_node.translation_m().y,
-            estimate.pose_ref_from_node.heading_rad(),
-        );
-        let pose_ref_from_node = pose * step;
-        let estimate = PoseEstimate { pose_ref_from_node, covariance: estimate.covariance };
-        Some((second, Placed { estimate, via }))
-    })
+/// Solves every pair of nodes that may share targets, combines the poses, and refines each group of
+/// more than two from its points; a pair's own solution knows more of two nodes. The same problem gives the same bytes, whatever the number of threads.
+#[must_use]
+pub fn solve_site(problem: &SiteProblem, solver: &dyn Solver) -> SiteSolution {
+    let edges = pairs::solve_pairs(problem, solver);
+    let nodes: Vec<NodeId> = problem.views.keys().cloned().collect();
+    let Combined { groups, verdicts } = combine_judged(&problem.reference, &nodes, &edges);
+    let refined =
+        |group: Group| if group.nodes.len() < 3 { group } else { refine(problem, &group) };
+    let groups = groups.into_iter().map(refined).collect();
+    SiteSolution { groups, edges, verdicts }
 }

@@ -8,7 +8,7 @@ use proto::ids::NodeId;
 use serde::Serialize;
 
 use super::Asked;
-use crate::network::{Edge, Group, Placed, SiteSolution};
+use crate::network::{Edge, Group, Placed, SiteSolution, Standing};
 use crate::registration::{Evidence, Outcome, PoseEstimate, Rival, Solution};
 
 /// The answer to one problem.
@@ -42,6 +42,10 @@ pub struct NodeAnswer {
     /// The other poses that the data allow, of an ambiguous node.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rivals: Vec<RivalJson>,
+    /// Of a determined node: `confirmed` by loops of pairs, or `unconfirmed`, resting on single
+    /// pairs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub standing: Option<&'static str>,
     /// The nodes through which the pose came, the reference first.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub via: Vec<NodeId>,
@@ -195,14 +199,19 @@ fn of_node(
         outcome: "underdetermined",
         missing: None,
         rivals: Vec::new(),
+        standing: None,
         via: Vec::new(),
         group: None,
         evidence,
         solve_us,
     };
     if let Some(placed) = placed {
-        return NodeAnswer { via: placed.via.clone(), outcome: "determined", ..open }
-            .with(&placed.estimate);
+        let standing = Some(match placed.standing {
+            Standing::Confirmed { .. } => "confirmed",
+            _ => "unconfirmed",
+        });
+        let via = placed.via.clone();
+        return NodeAnswer { via, outcome: "determined", standing, ..open }.with(&placed.estimate);
     }
     let group = group.filter(|group| 1 < group.nodes.len());
     NodeAnswer {

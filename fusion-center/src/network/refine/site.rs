@@ -1,0 +1,162 @@
+//! The points of a group's nodes in flat arrays, and where each unknown stands.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+use proto::geom::{Gaussian, Node};
+use proto::ids::NodeId;
+use proto::measured::line_of_sight;
+
+use super::super::SiteProblem;
+
+/// Points farther out are no radar measurement.
+const MAX_COORDINATE_M: f64 = 1e5;
+
+/// Smallest determinant of a usable covariance, m⁴: (0.1 mm)⁴.
+const MIN_DETERMINANT_M4: f64 = 1e-16;
+
+/// A uniform rectangle's area over the root of its covariance's determinant.
+const AREA_OF_RECTANGLE: f64 = 12.0;
+
+/// Added to the spread of points, metres, so that points on a line still cover an area.
+const MIN_SPREAD_M: f64 = 0.5;
+
+/// Offsets along the line of sight that are known to this, metres, are known.
+const MIN_DEPTH_SIGMA_M: f64 = 1e-4;
+
+/// A measured point in its node's frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SitePoint {
+    pub(super) node: usize,
+    pub(super) mean: Vector2<f64>,
+    pub(super) cov: Matrix2<f64>,
+    /// Unit vector along the line of sight.
+    pub(super) outward: Vector2<f64>,
+}
+
+impl SitePoint {
+    fn usable(node: usize, point: &Gaussian<Node>) -> Option<Self> {
+        let mean = point.mean.coords_m;
+        let cov = (point.cov_m2 + point.cov_m2.transpose()) * 0.5;
+        let is_near = mean.iter().all(|value| value.abs() < MAX_COORDINATE_M);
+        let is_definite = cov[(0, 0)] > 0.0 && cov.determinant() > MIN_DETERMINANT_M4;
+        let is_bounded = cov.trace() < MAX_COORDINATE_M;
+        let outward = line_of_sight(&mean);
+        (is_near && is_definite && is_bounded).then_some(Self { node, mean, cov, outward })
+    }
+}
+
+/// The points of all nodes, period by period.
+#[derive(Clone, Debug)]
+pub(super) struct Site {
+    pub(super) names: Vec<NodeId>,
+    pub(super) points: Vec<SitePoint>,
+    /// Points by period, in order of periods that at least two nodes have points in.
+    pub(super) periods: Vec<Range<usize>>,
+    /// By node: points per period and m².
+    pub(super) densities_per_m2: Vec<f64>,
+    /// By node: deviation of the lasting offset, `None` where it is known.
+    pub(super) depth_sigmas_m: Vec<Option<f64>>,
+}
+
+impl Site {
+    /// The points of the named nodes.
+    pub(super) fn new(problem: &SiteProblem, names: &[&NodeId]) -> Self {
+        let mut by_period: BTreeMap<i64, Vec<SitePoint>> = BTreeMap::new();
+        let mut depth_sigmas_m = Vec::new();
+        for (node, name) in names.iter().enumerate() {
+            let Some(view) = problem.views.get(*name) else {
+                depth_sigmas_m.push(None);
+                continue;
+            };
+            let sigma_m = view.half_depth_sigma_m;
+            depth_sigmas_m.push((sigma_m > MIN_DEPTH_SIGMA_M).then_some(sigma_m));
+            for (period, set) in &view.sets {
+                let usable = set.points.iter().filter_map(|point| SitePoint::usable(node, point));
+                by_period.entry(*period).or_default().extend(usable);
+            }
+        }
+        let (mut points, mut periods) = (Vec::new(), Vec::new());
+        for set in by_period.into_values() {
+            let is_shared = set.iter().any(|point| point.node != set[0].node);
+            if is_shared {
+                periods.push(points.len()..points.len() + set.len());
+                points.extend(set);
+            }
+        }
+        let names: Vec<NodeId> = names.iter().map(|name| (*name).clone()).collect();
+        let densities_per_m2 = densities(names.len(), &points, periods.len());
+        Self { names, points, periods, densities_per_m2, depth_sigmas_m }
+    }
+
+    pub(super) fn node_count(&self) -> usize {
+        self.names.len()
+    }
+}
+
+fn densities(node_count: usize, points: &[SitePoint], period_count: usize) -> Vec<f64> {
+    let density = |node: usize| {
+        let own = || points.iter().filter(move |point| point.node == node);
+        let count = own().count().max(1) as f64;
+        let mean = own().map(|point| point.mean).sum::<Vector2<f64>>() / count;
+        let scatter = own().map(|point| {
+            let offset = point.mean - mean;
+            offset * offset.transpose()
+        });
+        let padded: Matrix2<f64> =
+            scatter.sum::<Matrix2<f64>>() / count + Matrix2::identity() * MIN_SPREAD_M.powi(2);
+        let area_m2 = AREA_OF_RECTANGLE * padded.determinant().sqrt();
+        count / (period_count.max(1) as f64 * area_m2)
+    };
+    (0..node_count).map(density).collect()
+}
+
+/// The unknowns' current values.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    /// `(x_m, y_m, heading_rad)` in the gauge's frame.
+    pub(super) poses: Vec<Vector3<f64>>,
+    /// Offsets along the line of sight.
+    pub(super) depths_m: Vec<f64>,
+}
+
+/// Where the unknowns of each node stand among all.
+#[derive(Clone, Debug)]
+pub(super) struct Layout {
+    starts: Vec<usize>,
+    has_depth: Vec<bool>,
+    pub(super) size: usize,
+}
+
+impl Layout {
+    /// Node by node: pose (not of node 0), then offset where it is unknown.
+    pub(super) fn new(site: &Site) -> Self {
+        let has_depth: Vec<bool> = site.depth_sigmas_m.iter().map(Option::is_some).collect();
+        let mut size = 0;
+        let mut starts = Vec::with_capacity(has_depth.len());
+        for (node, has) in has_depth.iter().enumerate() {
+            starts.push(size);
+            size += if node == 0 { 0 } else { 3 } + usize::from(*has);
+        }
+        Self { starts, has_depth, size }
+    }
+
+    pub(super) fn pose_start(&self, node: usize) -> Option<usize> {
+        (node != 0).then(|| self.starts[node])
+    }
+
+    pub(super) fn depth_index(&self, node: usize) -> Option<usize> {
+        let after_pose = self.starts[node] + if node == 0 { 0 } else { 3 };
+        self.has_depth[node].then_some(after_pose)
+    }
+
+    /// Which unknown of all the `local`-th of `(x, y, heading, offset)` of a node is.
+    pub(super) fn index(&self, node: usize, local: usize) -> Option<usize> {
+        if local < 3 {
+            self.pose_start(node).map(|start| start + local)
+        } else {
+            self.depth_index(node)
+        }
+    }
+}
