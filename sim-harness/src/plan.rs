@@ -52,6 +52,10 @@ fn agent(
     let name = &scenario.name;
     let mut config: AgentConfig = overlaid(&AgentConfig::default(), &scenario.agent)
         .with_context(|| format!("scenario {name}: [agent]"))?;
+    if let Some(own) = scenario.agent_of.get(&node.id) {
+        config = overlaid(&config, own)
+            .with_context(|| format!("scenario {name}: [agent_of.{}]", node.id))?;
+    }
     config.site = "sim".parse()?;
     config.node = node.id.clone();
     config.bus = BusConfig { connect: vec![endpoint.to_owned()], ..config.bus };
@@ -121,6 +125,24 @@ mod tests {
             assert_eq!(plan.agents.len(), count);
             assert!(plan.agents.iter().all(|agent| !agent.simulated.scene.targets.is_empty()));
         }
+    }
+
+    #[test]
+    fn keys_of_one_node_reach_its_agent_alone() {
+        let mut scenario = find("paper").unwrap().resolve().unwrap();
+        let own: toml::Table = "[group]\ntilt_deg = 90.0".parse().unwrap();
+        scenario.agent_of.insert(scenario.nodes[1].id.clone(), own);
+        let tilts_deg = plan(scenario.clone(), Path::new("run"), "tcp/127.0.0.1:1")
+            .unwrap()
+            .agents
+            .iter()
+            .map(|agent| agent.group.tilt_deg)
+            .collect::<Vec<_>>();
+        assert!(tilts_deg[0].abs() < 1e-12 && (tilts_deg[1] - 90.0).abs() < 1e-12);
+        let wrong: toml::Table = "tilt = 1".parse().unwrap();
+        scenario.agent_of.insert(scenario.nodes[0].id.clone(), wrong);
+        let error = plan(scenario, Path::new("run"), "tcp/127.0.0.1:1").err().unwrap();
+        assert!(format!("{error:#}").contains("agent_of"), "{error:#}");
     }
 
     #[test]

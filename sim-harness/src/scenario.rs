@@ -51,6 +51,9 @@ pub struct Scenario {
     /// Keys of every agent's configuration.
     #[serde(default)]
     pub agent: toml::Table,
+    /// More keys of single nodes' agents; names that a recording lacks are passed over.
+    #[serde(default)]
+    pub agent_of: BTreeMap<NodeId, toml::Table>,
     /// Keys of the centre's configuration.
     #[serde(default)]
     pub centre: toml::Table,

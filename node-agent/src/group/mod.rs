@@ -4,21 +4,53 @@
 //! Such a radar lists many detections per body and frame, and far more of furniture. A period's
 //! moving detections at body height are clustered by density, and each cluster gives one point:
 //! a robust centre, the covariance of that centre, and the second moment as its extent. Positions
-//! are projected along `z` onto the plane of the sensor's levelled frame.
+//! are projected along `z` onto the plane of the sensor's levelled frame, for which a radar that
+//! looks down must be level: [`corrected`] takes its constant errors out first.
 
 #[cfg(test)]
 mod bristol;
+mod calibrate;
 mod centre;
 mod cluster;
 mod config;
+mod floor;
 mod period;
 
 use proto::measured::MeasuredPoint;
 
+pub use calibrate::Calibration;
 pub use config::{Area, GroupConfig, InvalidGroup};
+pub use floor::FloorEcho;
 pub use period::{by_window, window_index};
 
 use crate::source::recorded::Detection;
+
+/// A recording without the radar's constant errors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Corrected {
+    /// The detections that have a place after correction, in their order.
+    pub detections: Vec<Detection>,
+    /// The floor's echo by which the radar was levelled, where it looks down and one was found.
+    pub floor: Option<FloorEcho>,
+}
+
+/// `detections` of a whole recording without the errors that [`GroupConfig::calibration`] states
+/// and, for a radar that looks down, without those that the floor's echo gives away.
+#[must_use]
+pub fn corrected(detections: Vec<Detection>, config: &GroupConfig) -> Corrected {
+    let stated = apply(&config.calibration, detections, config);
+    let floor = config.looks_down().then(|| floor::floor_echo(&stated, config)).flatten();
+    let found = floor.map_or_else(Calibration::default, |echo| echo.calibration);
+    Corrected { detections: apply(&found, stated, config), floor }
+}
+
+fn apply(errors: &Calibration, detections: Vec<Detection>, config: &GroupConfig) -> Vec<Detection> {
+    if errors.is_nothing() {
+        return detections;
+    }
+    let tilt_rad = config.tilt_rad();
+    detections.iter().filter_map(|detection| errors.corrected(detection, tilt_rad)).collect()
+}
 
 /// The people among one period's `detections`: one point per cluster, in the order of their
 /// first detection. Detections that [`GroupConfig`] does not let through, and those in no

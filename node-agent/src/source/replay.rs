@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::recorded::{Detection, read_recording};
 use super::{Frame, SourceError, SweepSource};
-use crate::group::{GroupConfig, by_window, window_index};
+use crate::group::{Corrected, GroupConfig, by_window, corrected, window_index};
 
 /// A recording to play.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -45,11 +45,14 @@ impl Replay {
         }
         let recorded_first = recording.detections.first().map_or(0.0, |first| first.time_s);
         let origin = window_index(config.first_s.unwrap_or(recorded_first), group.period_s);
-        let batches: BTreeMap<u64, Vec<Detection>> =
-            by_window(recording.detections, group.period_s)
-                .into_iter()
-                .filter_map(|(window, detections)| Some((window.checked_sub(origin)?, detections)))
-                .collect();
+        let Corrected { detections, floor } = corrected(recording.detections, group);
+        if let Some(floor) = floor {
+            tracing::info!(path = %config.path.display(), ?floor, "levelled by the floor's echo");
+        }
+        let batches: BTreeMap<u64, Vec<Detection>> = by_window(detections, group.period_s)
+            .into_iter()
+            .filter_map(|(window, inside)| Some((window.checked_sub(origin)?, inside)))
+            .collect();
         let recorded_count = batches.keys().next_back().map_or(0, |last| last + 1);
         let period_count =
             config.period_count.map_or(recorded_count, |count| count.min(recorded_count));
