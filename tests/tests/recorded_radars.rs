@@ -4,7 +4,11 @@
 //! `e' (P + S + T)⁻¹ e`, three degrees of freedom: `P` what the solver states, `S` what the radars'
 //! own frames are wrong by (see [`FrameSigma`]), `T` what the tape is wrong by.
 
-#![expect(clippy::unwrap_used, reason = "a test's helpers fail as tests do")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    reason = "a test's helpers fail and report as tests do"
+)]
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -128,6 +132,8 @@ struct Judged {
     position_m: f64,
     heading_deg: f64,
     squared_error: f64,
+    /// The same with frames that are taken to be right.
+    squared_alone: f64,
 }
 
 fn judged(estimate: &PoseEstimate, one: &Radar, other: &Radar) -> Judged {
@@ -137,12 +143,14 @@ fn judged(estimate: &PoseEstimate, one: &Radar, other: &Radar) -> Judged {
     let [dx, dy] = [0, 1].map(|axis| pose.translation_m()[axis] - truth.translation_m()[axis]);
     let turned = wrap_angle(pose.heading_rad() - truth.heading_rad());
     let error = Vector3::new(dx, dy, turned);
-    let covariance = estimate.covariance + frame_covariance(pose, one.frame, other.frame) + tape();
-    let whitened = covariance.cholesky().unwrap().solve(&error);
+    let alone = estimate.covariance + tape();
+    let squared =
+        |covariance: Matrix3<f64>| error.dot(&covariance.cholesky().unwrap().solve(&error));
     Judged {
         position_m: dx.hypot(dy),
         heading_deg: turned.to_degrees(),
-        squared_error: error.dot(&whitened),
+        squared_error: squared(alone + frame_covariance(pose, one.frame, other.frame)),
+        squared_alone: squared(alone),
     }
 }
 
@@ -200,10 +208,10 @@ fn report(name: &str, solution: &Solution, judged: Option<&Judged>) {
         Outcome::Ambiguous { .. } => "ambiguous".to_owned(),
         Outcome::Determined => "determined".to_owned(),
     };
-    if let Some(Judged { position_m, heading_deg, squared_error }) = judged {
+    if let Some(Judged { position_m, heading_deg, squared_error, squared_alone }) = judged {
         eprintln!(
             "{name}: {position_m:.3} m, {heading_deg:+.1}°, stated {:.3} m {:.3} m {:.1}°, squared \
-             {squared_error:.1}, {} matched, inflation {:.1}, {said}",
+             {squared_error:.1} ({squared_alone:.1} without frames), {} matched, inflation {:.1}, {said}",
             sigma.x,
             sigma.y,
             sigma.z.to_degrees(),
@@ -237,7 +245,7 @@ fn what_is_stated_covers_the_tape_without_any_calibration() {
 
 #[test]
 fn a_bearing_error_found_on_one_sequence_mends_the_others() {
-    for (name, Judged { position_m, heading_deg, squared_error }) in
+    for (name, Judged { position_m, heading_deg, squared_error, .. }) in
         determined(&registered(SIDE_AZIMUTH_BIAS))
     {
         let is_near = *position_m < POSITION_BOUND_M && heading_deg.abs() < HEADING_BOUND_DEG;

@@ -155,9 +155,9 @@ mod tests {
             let right = in_array[0] / range_m + bias.azimuth_bias;
             let up = in_array[1] / range_m + bias.elevation_bias;
             let ahead = (1.0 - right * right - up * up).sqrt();
-            let leveled = |[right, up, ahead]: [f64; 3]| {
-                let y_m = ahead * tilt_rad.cos() + up * tilt_rad.sin();
-                detection(right, y_m, Some(up * tilt_rad.cos() - ahead * tilt_rad.sin()))
+            let leveled = |[x, e, b]: [f64; 3]| {
+                let y_m = b * tilt_rad.cos() + e * tilt_rad.sin();
+                detection(x, y_m, Some(e * tilt_rad.cos() - b * tilt_rad.sin()))
             };
             let seen = leveled([right, up, ahead].map(|cosine| cosine * seen_m));
             let got = bias.corrected(&seen, tilt_rad).unwrap();
