@@ -7,7 +7,7 @@ use rand::RngExt;
 use super::{Missing, Outcome, Pairwise, Period, Problem, Solution, Solver};
 use crate::simulate::{Conditions, Paths, Sampler, Trial, line_paths, paper_paths};
 
-const TRY_COUNT: u64 = 250;
+const TRY_COUNT: u64 = 500;
 
 /// A determined pose may be wrong by five standard deviations of three unknowns, not by more.
 const MAX_NEES: f64 = 25.0;
@@ -19,11 +19,19 @@ fn solve(problem: &Problem) -> Solution {
 }
 
 /// Outcomes `[determined, ambiguous, underdetermined]`; fails on a sure but wrong pose.
-fn outcomes(name: &str, draw: impl Fn(u64) -> Trial) -> [usize; 3] {
+pub(super) fn outcomes(name: &str, draw: impl Fn(u64) -> Trial) -> [usize; 3] {
     outcomes_of(name, TRY_COUNT, draw)
 }
 
-fn outcomes_of(name: &str, try_count: u64, draw: impl Fn(u64) -> Trial) -> [usize; 3] {
+pub(super) fn outcomes_of(name: &str, try_count: u64, draw: impl Fn(u64) -> Trial) -> [usize; 3] {
+    outcomes_within(MAX_NEES, (name, try_count), draw)
+}
+
+fn outcomes_within(
+    max_nees: f64,
+    (name, try_count): (&str, u64),
+    draw: impl Fn(u64) -> Trial,
+) -> [usize; 3] {
     let mut counts = [0; 3];
     for seed in 0..try_count {
         let case = draw(seed);
@@ -37,14 +45,17 @@ fn outcomes_of(name: &str, try_count: u64, draw: impl Fn(u64) -> Trial) -> [usiz
         if kind == 0 {
             let estimate = solution.estimate.unwrap();
             let nees = case.nees(&estimate);
-            assert!(nees < MAX_NEES, "{name} {seed}: {nees} {:?}", solution.evidence);
+            assert!(nees < max_nees, "{name} {seed}: {nees} {:?}", solution.evidence);
         }
     }
     println!("{name}: {counts:?}");
     counts
 }
 
-fn observe(paths: impl Fn(&mut Sampler) -> Paths, conditions: Conditions) -> impl Fn(u64) -> Trial {
+pub(super) fn observe(
+    paths: impl Fn(&mut Sampler) -> Paths,
+    conditions: Conditions,
+) -> impl Fn(u64) -> Trial {
     move |seed| {
         let mut sampler = Sampler::new(seed);
         let drawn = paths(&mut sampler);
@@ -53,7 +64,7 @@ fn observe(paths: impl Fn(&mut Sampler) -> Paths, conditions: Conditions) -> imp
 }
 
 /// The reference side of one trial with the node's side of another.
-fn unrelated(seed: u64, draw: &impl Fn(u64) -> Trial) -> Trial {
+pub(super) fn unrelated(seed: u64, draw: &impl Fn(u64) -> Trial) -> Trial {
     let (mut case, other) = (draw(seed), draw(seed + 10_000));
     for (period, elsewhere) in case.problem.periods.iter_mut().zip(&other.problem.periods) {
         period.in_node.clone_from(&elsewhere.in_node);
@@ -64,7 +75,7 @@ fn unrelated(seed: u64, draw: &impl Fn(u64) -> Trial) -> Trial {
 #[test]
 fn one_straight_target_is_never_sure_and_wrong() {
     let line = |_: &mut Sampler| line_paths(&[[[2.0, 3.0], [8.0, 8.0]]], 8);
-    outcomes("line", observe(line, Conditions::WITH_FALSE_POINTS));
+    assert_eq!(outcomes("line", observe(line, Conditions::WITH_FALSE_POINTS))[0], 0);
     let slow = |_: &mut Sampler| line_paths(&[[[4.0, 4.0], [5.0, 5.5]]], 8);
     outcomes("slow line", observe(slow, Conditions::WITH_FALSE_POINTS));
 }
@@ -139,6 +150,11 @@ fn every_reason_can_be_produced() {
         change(&mut decision);
         Pairwise::new(super::PairwiseConfig::default(), decision)
     };
+    let few = missing(&scene, &strict(|c| c.min_matched_share = 1.1));
+    assert!(matches!(few, Missing::MatchedShare { .. }), "{few:?}");
+    let line = case(Conditions::CLEAN, line_paths(&[[[2.0, 3.0], [8.0, 8.0]]], 8)).problem;
+    let walk = missing(&line, &standard);
+    assert!(matches!(walk, Missing::StraightWalk { matched: 8, .. }), "{walk:?}");
     let weak = missing(&scene, &strict(|c| c.min_log_odds = 1e4));
     assert!(matches!(weak, Missing::Evidence { .. }), "{weak:?}");
     let wide = missing(&scene, &strict(|c| c.max_position_sigma_m = 1e-4));
@@ -165,7 +181,7 @@ fn broken_points_are_counted_and_change_nothing() {
 }
 
 /// Two people who wander for a minute at 5 periods per second, turning smoothly.
-fn wanderers(sampler: &mut Sampler) -> Paths {
+pub(super) fn wanderers(sampler: &mut Sampler) -> Paths {
     let mut people: Vec<[f64; 3]> =
         (0..2).map(|_| std::array::from_fn(|_| sampler.rng.random_range(2.0..8.0_f64))).collect();
     let mut step = |person: &mut [f64; 3]| {
@@ -206,6 +222,8 @@ fn walk(sampler: &mut Sampler, step_m: f64, period_count: usize) -> Vec<Vector2<
 
 #[test]
 fn unrelated_walkers_in_the_same_room_are_not_determined() {
+    /// Each try has 64 to 150 periods.
+    const WALKER_TRY_COUNT: u64 = 250;
     /// Chance of one in 250.
     const MOST_DETERMINED: usize = 1;
     for (period_s, period_count, noise_scale) in [(0.5, 64, 1.0), (0.1, 150, 2.5)] {
@@ -216,7 +234,7 @@ fn unrelated_walkers_in_the_same_room_are_not_determined() {
             period_s,
         };
         let draw = observe(walkers(period_s, period_count), conditions);
-        let counts = (0..TRY_COUNT).fold([0, 0], |[sure, all], seed| {
+        let counts = (0..WALKER_TRY_COUNT).fold([0, 0], |[sure, all], seed| {
             let is_sure = solve(&unrelated(seed, &draw).problem).outcome == Outcome::Determined;
             [sure + usize::from(is_sure), all + 1]
         });
@@ -250,16 +268,18 @@ const ROUGH: Conditions = Conditions {
 };
 
 #[test]
-fn wanderers_in_rough_data_are_found_and_strangers_are_not() {
+pub(super) fn wanderers_in_rough_data_are_found_and_strangers_are_not() {
     /// Each try has 300 periods; 48 keep the test at a few seconds.
     const ROUGH_TRY_COUNT: u64 = 48;
+    /// The widening is read off pairs inside the gate, and so falls short by up to a fifth.
+    const DOUBTFUL_NEES: f64 = 1.2 * MAX_NEES;
     let draw = observe(wanderers, ROUGH);
     let related = outcomes_of("wanderers", ROUGH_TRY_COUNT, &draw);
     assert!(related[0] >= 40, "{related:?}");
     let strange = outcomes_of("strangers", ROUGH_TRY_COUNT, |seed| unrelated(seed, &draw));
     assert_eq!(strange[0], 0);
     // Errors twice as large as stated must widen the covariance, not mislead.
-    let doubtful = outcomes_of("doubtful", ROUGH_TRY_COUNT, |seed| {
+    let doubtful = outcomes_within(DOUBTFUL_NEES, ("doubtful", ROUGH_TRY_COUNT), |seed| {
         let mut case = draw(seed);
         for period in &mut case.problem.periods {
             period.in_ref.iter_mut().for_each(|point| point.cov_m2 *= 0.25);

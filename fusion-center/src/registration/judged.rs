@@ -12,7 +12,7 @@
 
 use nalgebra::{Cholesky, Matrix2x3, Matrix3};
 
-use super::decide::{DecisionConfig, decide_first};
+use super::decide::{DecisionConfig, decide_first, too_wide};
 use super::likelihood::for_each_period;
 use super::modes::{Mode, fixed, merged, refine, separated};
 use super::prepared::{Blob, Motion, Prepared};
@@ -47,9 +47,25 @@ impl Case<'_> {
         let solution = decide_first(self.data, &modes, self.given_period_count, self.decision);
         let own = modes.first().and_then(|mode| Some((mode, own_covariance(mode)?)));
         match own {
-            Some((mode, covariance)) => with_covariance(solution, mode, &covariance, self.decision),
+            Some((mode, covariance)) => self.with_covariance(solution, mode, &covariance),
             None => solution,
         }
+    }
+
+    /// The solution with the estimator's covariance in the place of the likelihood's, and the limits of
+    /// the spread checked again. What the decision made of the likelihood's covariance applies alike.
+    fn with_covariance(&self, mut solution: Solution, mode: &Mode, own: &Matrix3<f64>) -> Solution {
+        let Some(estimate) = solution.estimate else { return solution };
+        let Some(factor) = Cholesky::new(mode.covariance) else { return solution };
+        let widening = factor.solve(&estimate.covariance).trace() / 3.0;
+        let added = estimate.covariance + (own - mode.covariance) * widening;
+        let covariance = if Cholesky::new(added).is_some() { added } else { own * widening };
+        solution.estimate = Some(PoseEstimate { covariance, ..estimate });
+        if let Some(missing) = too_wide(self.data, mode, &covariance, self.decision) {
+            solution.estimate = None;
+            solution.outcome = Outcome::Underdetermined { missing };
+        }
+        solution
     }
 }
 
@@ -75,39 +91,6 @@ fn modes_of(data: &Prepared, found: &Motion, others: &[Motion]) -> Vec<Mode> {
     let maxima = climbed.into_iter().chain(separate.iter().filter_map(|m| refine(data, *m)));
     let distinct = merged(data, maxima.collect(), RIVAL_DISTANCE_M);
     std::iter::once(best).chain(distinct.into_iter().filter(is_other)).collect()
-}
-
-/// The solution with the estimator's covariance in the place of the likelihood's, and the limits of
-/// the spread checked again. What the decision made of the likelihood's covariance applies alike.
-fn with_covariance(
-    mut solution: Solution,
-    mode: &Mode,
-    own: &Matrix3<f64>,
-    decision: &DecisionConfig,
-) -> Solution {
-    let Some(estimate) = solution.estimate else { return solution };
-    let Some(factor) = Cholesky::new(mode.covariance) else { return solution };
-    let widening = factor.solve(&estimate.covariance).trace() / 3.0;
-    let added = estimate.covariance + (own - mode.covariance) * widening;
-    let covariance = if Cholesky::new(added).is_some() { added } else { own * widening };
-    solution.estimate = Some(PoseEstimate { covariance, ..estimate });
-    if let Some(missing) = too_wide(&covariance, decision) {
-        solution.estimate = None;
-        solution.outcome = Outcome::Underdetermined { missing };
-    }
-    solution
-}
-
-fn too_wide(covariance: &Matrix3<f64>, decision: &DecisionConfig) -> Option<Missing> {
-    let position = covariance.fixed_view::<2, 2>(0, 0).into_owned();
-    let (sigma_m, _, _) = proto::geom::principal_axes(&position);
-    let (limit_m, limit_rad) =
-        (decision.max_position_sigma_m, decision.max_heading_sigma_deg.to_radians());
-    let sigma_rad = covariance[(2, 2)].sqrt();
-    if sigma_m > limit_m {
-        return Some(Missing::PositionSpread { sigma_m, limit_m });
-    }
-    (sigma_rad > limit_rad).then_some(Missing::HeadingSpread { sigma_rad, limit_rad })
 }
 
 /// `J`: how a node's point moves in the reference frame with `(x, y, heading)`.

@@ -12,9 +12,9 @@ const RATIO_TOLERANCE: f64 = 0.01;
 /// The paper's scene with the same round covariance everywhere and no noise.
 fn even_problem() -> (Prepared, Motion) {
     let case = trial(&Conditions::CLEAN, 3);
-    let mut data = Prepared::new(&case.problem);
     let truth = case.truth();
     let motion = Motion::new(truth.x, truth.y, truth.z);
+    let mut data = Prepared::aligned(&case.problem);
     let nodes = data.nodes.clone();
     for (point, node) in data.refs.iter_mut().zip(&nodes) {
         *point = Blob { xx: 4e-4, xy: 0.0, yy: 4e-4, ..motion.apply(node) };

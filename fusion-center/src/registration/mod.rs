@@ -11,16 +11,20 @@ use nalgebra::Matrix3;
 use proto::geom::{Gaussian, Node, Ref, Se2};
 use serde::{Deserialize, Serialize};
 
+mod certificate;
 mod decide;
 mod evidence;
 mod graph;
 mod hypotheses;
+mod joint;
 mod judged;
 mod known;
 mod l2;
+mod layout;
 mod likelihood;
 mod modes;
 pub mod objective;
+mod offsets;
 mod pairwise;
 mod prepared;
 mod runs;
@@ -31,7 +35,11 @@ mod symmetry;
 #[cfg(test)]
 mod baseline_tests;
 #[cfg(test)]
+mod clutter_tests;
+#[cfg(test)]
 mod degenerate_tests;
+#[cfg(test)]
+mod scene_tests;
 #[cfg(test)]
 mod statistics_tests;
 
@@ -148,6 +156,15 @@ pub enum Missing {
         /// How many are needed.
         needed: usize,
     },
+    /// Too few of the points meet: walks of strangers do so here and there.
+    MatchedShare {
+        /// Points that meet under the best pose.
+        matched: usize,
+        /// Points of the side that has fewer, in shared periods.
+        given: usize,
+        /// The share of them that must meet.
+        needed: f64,
+    },
     /// Points meet, but always at the same few places.
     DistinctPoints {
         /// Places at which points meet.
@@ -155,12 +172,22 @@ pub enum Missing {
         /// How many are needed.
         needed: usize,
     },
+    /// All common points lie on one straight walk at constant speed. Such walks of two strangers
+    /// agree as soon as their speeds do, however many points they have.
+    StraightWalk {
+        /// Points that meet under the best pose.
+        matched: usize,
+        /// Length of the walk, metres.
+        length_m: f64,
+    },
     /// The agreement could be chance.
     Evidence {
         /// Logarithm of the odds of the best pose against "nothing in common".
         log_odds: f64,
         /// How much is needed.
         needed: f64,
+        /// How the matched points lie.
+        layout: Layout,
     },
     /// The position stays too uncertain.
     PositionSpread {
@@ -168,6 +195,8 @@ pub enum Missing {
         sigma_m: f64,
         /// The largest allowed.
         limit_m: f64,
+        /// How the matched points lie.
+        layout: Layout,
     },
     /// The heading stays too uncertain.
     HeadingSpread {
@@ -175,34 +204,103 @@ pub enum Missing {
         sigma_rad: f64,
         /// The largest allowed.
         limit_rad: f64,
+        /// How the matched points lie.
+        layout: Layout,
+    },
+}
+
+/// How the points that meet lie; lengths are four standard deviations of their spread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Layout {
+    /// All within one place.
+    Place {
+        /// Its extent, metres.
+        length_m: f64,
+    },
+    /// Along one line.
+    Line {
+        /// Along it, metres.
+        length_m: f64,
+        /// Across it, metres.
+        width_m: f64,
+    },
+    /// Over an area.
+    Area {
+        /// Its longer side, metres.
+        length_m: f64,
+        /// Its shorter side, metres.
+        width_m: f64,
     },
 }
 
 impl fmt::Display for Missing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::SharedPeriods { period_count } => {
-                write!(f, "none of {period_count} periods has points on both sides")
+            Self::SharedPeriods { period_count } => write!(
+                f,
+                "none of {period_count} periods has points on both sides: \
+                 let people walk where both nodes see"
+            ),
+            Self::CommonPoints { shared_period_count } => write!(
+                f,
+                "no two common points in {shared_period_count} shared periods: \
+                 let people walk where both nodes see"
+            ),
+            Self::MatchedPoints { matched, needed } => write!(
+                f,
+                "{matched} common points, {} more needed: let people walk where both nodes see",
+                needed.saturating_sub(matched)
+            ),
+            Self::MatchedShare { matched, given, needed } => write!(
+                f,
+                "{matched} of {given} points common, {:.0} % needed: \
+                 let people walk where both nodes see",
+                100.0 * needed
+            ),
+            Self::DistinctPoints { distinct: 1, needed } => write!(
+                f,
+                "common targets at one place only, {needed} places needed: let people walk about"
+            ),
+            Self::DistinctPoints { distinct, needed } => write!(
+                f,
+                "common targets at {distinct} places only, {needed} needed: let people walk about"
+            ),
+            Self::StraightWalk { matched, length_m } => write!(
+                f,
+                "all {matched} common points lie on one straight walk of {length_m:.1} m at \
+                 constant speed: let one walk across it"
+            ),
+            Self::Evidence { log_odds, needed, layout } => write!(
+                f,
+                "log odds {log_odds:.1} against chance, at least {needed:.1} needed: {layout}"
+            ),
+            Self::PositionSpread { sigma_m, limit_m, layout } => {
+                write!(f, "position known to {sigma_m:.2} m only, {limit_m:.2} m allowed: {layout}")
             }
-            Self::CommonPoints { shared_period_count } => {
-                write!(f, "no two common points in {shared_period_count} shared periods")
-            }
-            Self::MatchedPoints { matched, needed } => {
-                write!(f, "{matched} matched points, at least {needed} needed")
-            }
-            Self::DistinctPoints { distinct, needed } => {
-                write!(f, "matched points at {distinct} places, at least {needed} needed")
-            }
-            Self::Evidence { log_odds, needed } => {
-                write!(f, "log odds {log_odds:.1} against chance, at least {needed:.1} needed")
-            }
-            Self::PositionSpread { sigma_m, limit_m } => {
-                write!(f, "position known to {sigma_m:.2} m only, {limit_m:.2} m allowed")
-            }
-            Self::HeadingSpread { sigma_rad, limit_rad } => {
+            Self::HeadingSpread { sigma_rad, limit_rad, layout } => {
                 let (sigma, limit) = (sigma_rad.to_degrees(), limit_rad.to_degrees());
-                write!(f, "heading known to {sigma:.1}° only, {limit:.1}° allowed")
+                write!(f, "heading known to {sigma:.1}° only, {limit:.1}° allowed: {layout}")
             }
+        }
+    }
+}
+
+impl fmt::Display for Layout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Place { length_m } => write!(
+                f,
+                "common targets stayed within {length_m:.1} m; let people walk across the room"
+            ),
+            Self::Line { length_m, .. } => write!(
+                f,
+                "common targets kept to one line of {length_m:.1} m; let one walk across it"
+            ),
+            Self::Area { length_m, width_m } => write!(
+                f,
+                "common targets covered {length_m:.1} m by {width_m:.1} m; \
+                 let people walk longer and farther apart"
+            ),
         }
     }
 }
@@ -301,18 +399,39 @@ mod tests {
     }
 
     #[test]
-    fn every_reason_shows_its_numbers() {
-        let shown = |missing: Missing| missing.to_string();
-        assert_eq!(
-            shown(Missing::MatchedPoints { matched: 2, needed: 3 }),
-            "2 matched points, at least 3 needed"
-        );
-        assert!(shown(Missing::SharedPeriods { period_count: 4 }).contains('4'));
-        assert!(shown(Missing::CommonPoints { shared_period_count: 5 }).contains('5'));
-        assert!(shown(Missing::DistinctPoints { distinct: 1, needed: 3 }).contains("1 places"));
-        assert!(shown(Missing::Evidence { log_odds: 1.5, needed: 9.0 }).contains("1.5"));
-        assert!(shown(Missing::PositionSpread { sigma_m: 0.7, limit_m: 0.5 }).contains("0.70 m"));
-        let heading = Missing::HeadingSpread { sigma_rad: 0.1, limit_rad: 0.05 };
-        assert!(shown(heading).contains("5.7°"));
+    fn every_reason_shows_its_numbers_and_what_helps() {
+        let line = Layout::Line { length_m: 4.0, width_m: 0.1 };
+        let place = Layout::Place { length_m: 0.3 };
+        let area = Layout::Area { length_m: 4.0, width_m: 2.5 };
+        for (missing, parts) in [
+            (Missing::SharedPeriods { period_count: 4 }, ["none of 4 periods", "both nodes see"]),
+            (Missing::CommonPoints { shared_period_count: 5 }, ["in 5 shared", "both nodes see"]),
+            (Missing::MatchedPoints { matched: 1, needed: 3 }, ["1 common", "2 more needed"]),
+            (
+                Missing::MatchedShare { matched: 8, given: 95, needed: 0.1 },
+                ["8 of 95 points", "10 % needed"],
+            ),
+            (Missing::DistinctPoints { distinct: 1, needed: 3 }, ["at one place only", "3 places"]),
+            (Missing::DistinctPoints { distinct: 2, needed: 3 }, ["at 2 places", "walk about"]),
+            (
+                Missing::StraightWalk { matched: 7, length_m: 5.25 },
+                ["all 7 common", "walk of 5.2 m"],
+            ),
+            (
+                Missing::Evidence { log_odds: 1.5, needed: 9.0, layout: place },
+                ["1.5", "within 0.3 m"],
+            ),
+            (
+                Missing::PositionSpread { sigma_m: 0.7, limit_m: 0.5, layout: line },
+                ["0.70 m only, 0.50 m", "one line of 4.0 m; let one walk across"],
+            ),
+            (
+                Missing::HeadingSpread { sigma_rad: 0.1, limit_rad: 0.05, layout: area },
+                ["5.7° only, 2.9°", "4.0 m by 2.5 m"],
+            ),
+        ] {
+            let shown = missing.to_string();
+            assert!(parts.iter().all(|part| shown.contains(part)), "{shown}");
+        }
     }
 }

@@ -158,6 +158,8 @@ pub(super) struct Prepared {
     pub(super) node_spread_m: f64,
     /// Root mean square standard deviation per axis of the difference of two points.
     pub(super) typical_sigma_m: f64,
+    /// Standard deviations of the lasting offsets of the reference's side and of the node's.
+    pub(super) half_depth_sigma_m: [f64; 2],
     /// A lower bound of the root of the determinant of any pair's covariance, m².
     pub(super) smallest_root_det_m2: f64,
     /// An upper bound of the variance of any pair in any direction, m².
@@ -173,6 +175,8 @@ impl Prepared {
         for (period_index, period) in problem.periods.iter().enumerate() {
             prepared.add(period_index, period, problem);
         }
+        prepared.half_depth_sigma_m =
+            [problem.ref_half_depth_sigma_m, problem.node_half_depth_sigma_m];
         prepared.measure();
         prepared
     }
@@ -190,6 +194,23 @@ impl Prepared {
         }
         self.refs[refs.clone()].sort_by(|a, b| a.x.total_cmp(&b.x));
         self.spans.push(Span { period_index, refs, nodes });
+    }
+
+    /// As [`Self::new`] for a problem in which both sides list the same targets in the same order:
+    /// the points with equal index are one target's.
+    #[cfg(test)]
+    pub(super) fn aligned(problem: &Problem) -> Self {
+        let mut prepared = Self::new(problem);
+        for span in &prepared.spans {
+            let mut order: Vec<usize> = (0..span.nodes.len()).collect();
+            let x_m = |target: usize| problem.periods[span.period_index].in_ref[target].mean.x_m();
+            order.sort_by(|a, b| x_m(*a).total_cmp(&x_m(*b)));
+            let given = prepared.nodes[span.nodes.clone()].to_vec();
+            for (node, target) in prepared.nodes[span.nodes.clone()].iter_mut().zip(order) {
+                *node = given[target];
+            }
+        }
+        prepared
     }
 
     /// Evenly spread ones of the node's points, about `node_count`, with the periods that hold them;
@@ -219,6 +240,7 @@ impl Prepared {
             node_center_m: self.node_center_m,
             node_spread_m: self.node_spread_m,
             typical_sigma_m: self.typical_sigma_m,
+            half_depth_sigma_m: self.half_depth_sigma_m,
             smallest_root_det_m2: self.smallest_root_det_m2,
             largest_variance_m2: self.largest_variance_m2,
             ..thin
@@ -235,6 +257,7 @@ impl Prepared {
             node_center_m: Vector2::zeros(),
             node_spread_m: 0.0,
             typical_sigma_m: 0.0,
+            half_depth_sigma_m: [0.0; 2],
             smallest_root_det_m2: 0.0,
             largest_variance_m2: 0.0,
         }

@@ -24,6 +24,7 @@ impl SolverConfig {
         let count = |count: usize| count as f64;
         for (name, value, least, most) in [
             ("decision.min_matched_count", count(decision.min_matched_count), 3.0, 1e6),
+            ("decision.min_matched_share", decision.min_matched_share, 0.0, 1.0),
             ("decision.min_distinct_count", count(decision.min_distinct_count), 2.0, 1e6),
             ("decision.distinct_distance_m", decision.distinct_distance_m, 0.0, 100.0),
             ("decision.min_log_odds", decision.min_log_odds, 0.0, 1e3),
@@ -40,6 +41,7 @@ impl SolverConfig {
             ("default.ranking_point_count", count(default.ranking_point_count), 1.0, 1e6),
             ("default.mode_count", count(default.mode_count), 2.0, 1e3),
             ("default.merge_distance_m", default.merge_distance_m, 1e-6, 10.0),
+            ("default.certificate_visit_count", count(default.certificate_visit_count), 0.0, 1e9),
             ("swarm.particle_count", count(swarm.particle_count), 1.0, 1e6),
             ("swarm.iteration_count", count(swarm.iteration_count), 1.0, 1e6),
             ("swarm.sector_count", count(swarm.sector_count), 1.0, 3600.0),

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Outcome, Pairwise, Solver};
+use super::{Outcome, Pairwise, Solution, Solver};
 use crate::simulate::{Conditions, Trial, large_room, office, trial};
 
 const TRIAL_COUNT: u64 = 500;
@@ -25,12 +25,20 @@ fn is_in_box(error: &Vector3<f64>) -> bool {
 }
 
 fn tally(draw: impl Fn(u64) -> Trial) -> Tally {
+    tally_from(0, |solver, case| solver.solve(&case.problem, None), draw)
+}
+
+fn tally_from(
+    first_seed: u64,
+    solve: impl Fn(&Pairwise, &Trial) -> Solution,
+    draw: impl Fn(u64) -> Trial,
+) -> Tally {
     let solver = Pairwise::default();
     let mut tally = Tally::default();
     let (mut squares, mut bounds, mut nees, mut solved) = (0.0, 0.0, 0.0, 0.0);
-    for seed in 0..TRIAL_COUNT {
+    for seed in first_seed..first_seed + TRIAL_COUNT {
         let case = draw(seed);
-        let solution = solver.solve(&case.problem, None);
+        let solution = solve(&solver, &case);
         tally.undetermined += usize::from(solution.outcome != Outcome::Determined);
         let Some(estimate) = solution.estimate else { continue };
         let error = case.error(&estimate);
@@ -46,29 +54,55 @@ fn tally(draw: impl Fn(u64) -> Trial) -> Tally {
     tally
 }
 
-fn check(name: &str, tally: &Tally, box_rate: f64) {
+fn check(name: &str, tally: &Tally, (box_rate, max_ratio): (f64, f64)) {
     println!("{name}: {tally:?}");
     assert!(tally.in_box >= box_rate, "{name}: {tally:?}");
     assert_eq!(tally.gross, 0, "{name}: {tally:?}");
-    assert!(tally.undetermined < 10, "{name}: {tally:?}");
-    assert!(tally.rmse_over_bound <= 1.08, "{name}: {tally:?}");
+    assert!(tally.undetermined < 5, "{name}: {tally:?}");
+    assert!(tally.rmse_over_bound <= max_ratio, "{name}: {tally:?}");
     let (low, high) = NEES_BOUNDS;
     assert!((low..high).contains(&tally.mean_nees), "{name}: {tally:?}");
 }
 
 #[test]
 fn default_solver_meets_the_bars_without_misses() {
-    check("clean", &tally(|seed| trial(&Conditions::CLEAN, seed)), 0.995);
+    check("clean", &tally(|seed| trial(&Conditions::CLEAN, seed)), (0.995, 1.0));
 }
 
 #[test]
 fn default_solver_meets_the_bars_with_misses() {
-    check("misses", &tally(|seed| trial(&Conditions::MISSES, seed)), 0.975);
+    check("misses", &tally(|seed| trial(&Conditions::MISSES, seed)), (0.99, 0.85));
 }
 
 #[test]
 fn default_solver_meets_the_bars_with_misses_and_false_points() {
-    check("false", &tally(|seed| trial(&Conditions::WITH_FALSE_POINTS, seed)), 0.965);
+    check("false", &tally(|seed| trial(&Conditions::WITH_FALSE_POINTS, seed)), (0.985, 0.90));
+}
+
+#[test]
+fn solutions_that_resume_meet_the_bars() {
+    let resumed = |solver: &Pairwise, case: &Trial| {
+        let known = solver.solve(&case.problem, None).known;
+        solver.solve(&case.problem, Some(&known))
+    };
+    let draw = |seed| trial(&Conditions::WITH_FALSE_POINTS, seed);
+    check("resumed", &tally_from(1_000, resumed, draw), (0.985, 0.90));
+}
+
+#[test]
+#[ignore = "minutes: the bars on other seeds"]
+fn study_of_the_bars_on_other_seeds() {
+    for first_seed in [1_000, 5_000, 20_000, 40_000] {
+        for (name, conditions) in [
+            ("clean", Conditions::CLEAN),
+            ("misses", Conditions::MISSES),
+            ("false", Conditions::WITH_FALSE_POINTS),
+        ] {
+            let solve = |solver: &Pairwise, case: &Trial| solver.solve(&case.problem, None);
+            let tally = tally_from(first_seed, solve, |seed| trial(&conditions, seed));
+            println!("{first_seed} {name}: {tally:?}");
+        }
+    }
 }
 
 #[test]

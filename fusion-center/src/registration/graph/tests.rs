@@ -79,14 +79,13 @@ fn the_spectral_start_with_local_improvement_comes_near_the_exact_search() {
     let (mut as_good_count, mut true_count) = (0, 0);
     for seed in 0..20 {
         let case = three_walkers(seed, 5, &Conditions::CLEAN);
-        let data = Prepared::new(&case.problem);
+        let data = Prepared::aligned(&case.problem);
         let agreement = Agreement::new(&data, &config);
         let local = agreement.improved(spectral::association(&agreement, data.typical_sigma_m));
         let local_m2 = agreement.total_m2(&local);
         let exact = exact::search(&agreement, local, 1_000_000);
         let exact_m2 = agreement.total_m2(&exact.association);
         as_good_count += usize::from(exact_m2 > local_m2 - SAME_COST_M2);
-        // The simulation lists targets in the same order on both sides.
         let truth: Association = (0..agreement.candidates.len())
             .filter(|c| agreement.candidates[*c].ref_index == agreement.candidates[*c].node_index)
             .collect();
@@ -163,7 +162,7 @@ fn one_period_of_many_targets_is_enough() {
     let mut draw = || sampler.rng.random_range(1.0..9.0);
     let paths = vec![(0..6).map(|_| Vector2::new(draw(), draw())).collect()];
     let case = sampler.observe(&paths, &Conditions::CLEAN);
-    let data = Prepared::new(&case.problem);
+    let data = Prepared::aligned(&case.problem);
     let pairs = Graph::default().associate(&data);
     assert!(pairs.len() == 6 && pairs.iter().all(|(l, j)| l == j), "{pairs:?}");
     let motion = rigid::fit(&data, &pairs).unwrap();
@@ -238,7 +237,7 @@ fn the_covariance_is_that_of_repeated_fits() {
 #[test]
 fn pairs_of_different_targets_widen_the_covariance() {
     let case = trial(&Conditions::CLEAN, 3);
-    let data = Prepared::new(&case.problem);
+    let data = Prepared::aligned(&case.problem);
     let truth = case.truth();
     let motion = Motion::new(truth.x, truth.y, truth.z);
     let mut pairs: Vec<(usize, usize)> = (0..data.refs.len()).map(|i| (i, i)).collect();

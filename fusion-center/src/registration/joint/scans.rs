@@ -1,0 +1,156 @@
+//! All usable points of both sides in order of time, those of one-sided periods included.
+
+use std::ops::Range;
+
+use nalgebra::{Matrix2, Vector2};
+use proto::geom::{Frame, Gaussian};
+use proto::measured::line_of_sight;
+
+use super::super::Problem;
+use super::super::prepared::{Blob, Motion};
+use super::filter::Observation;
+
+/// Points farther out are no radar measurement.
+const MAX_COORDINATE_M: f64 = 1e5;
+
+/// Smallest determinant of a usable covariance, m⁴: (0.1 mm)⁴.
+const MIN_DETERMINANT_M4: f64 = 1e-16;
+
+/// Columns of an observation: the value, three of the pose, two of the offsets.
+pub(super) const POSE_COLUMN: usize = 1;
+pub(super) const OFFSET_COLUMN: usize = 4;
+
+/// Who saw a point. The numbers index pairs of values, reference first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Side {
+    Ref = 0,
+    Node = 1,
+}
+
+/// A point in the frame of the side that saw it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seen {
+    blob: Blob,
+    /// Unit vector of the line of sight times the standard deviation of the lasting offset, metres.
+    offset_m: Vector2<f64>,
+    pub(super) side: Side,
+    pub(super) time_s: f64,
+}
+
+/// The points that one side saw at one time.
+#[derive(Clone, Debug)]
+pub(super) struct Scan {
+    pub(super) points: Range<usize>,
+    pub(super) period_index: usize,
+    pub(super) time_s: f64,
+}
+
+/// All points and how they belong together.
+pub(super) struct Scans {
+    /// In order of time.
+    pub(super) points: Vec<Seen>,
+    /// Those with points, in order of time.
+    pub(super) scans: Vec<Scan>,
+}
+
+impl Scans {
+    pub(super) fn new(problem: &Problem) -> Self {
+        let mut order: Vec<(f64, usize, Side)> = Vec::with_capacity(2 * problem.periods.len());
+        for (index, period) in problem.periods.iter().enumerate() {
+            order.push((period.ref_time_s, index, Side::Ref));
+            order.push((period.node_time_s, index, Side::Node));
+        }
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let point_count = problem.periods.iter().map(|p| p.in_ref.len() + p.in_node.len()).sum();
+        let mut points = Vec::with_capacity(point_count);
+        let mut scans = Vec::with_capacity(order.len());
+        for (time_s, period_index, side) in order.into_iter().filter(|(t, ..)| t.is_finite()) {
+            let (start, period) = (points.len(), &problem.periods[period_index]);
+            match side {
+                Side::Ref => {
+                    let sigma_m = problem.ref_half_depth_sigma_m;
+                    points.extend(period.in_ref.iter().filter_map(|p| seen(p, sigma_m)));
+                }
+                Side::Node => {
+                    let sigma_m = problem.node_half_depth_sigma_m;
+                    points.extend(period.in_node.iter().filter_map(|p| seen(p, sigma_m)));
+                }
+            }
+            for point in &mut points[start..] {
+                (point.time_s, point.side) = (time_s, side);
+            }
+            if points.len() > start {
+                scans.push(Scan { points: start..points.len(), period_index, time_s });
+            }
+        }
+        Self { points, scans }
+    }
+
+    /// Seconds from the first to the last scan.
+    pub(super) fn duration_s(&self) -> f64 {
+        match (self.scans.first(), self.scans.last()) {
+            (Some(first), Some(last)) => last.time_s - first.time_s,
+            _ => 0.0,
+        }
+    }
+}
+
+fn seen<F: Frame>(point: &Gaussian<F>, offset_sigma_m: f64) -> Option<Seen> {
+    let (mean, cov) = (point.mean.coords_m, &point.cov_m2);
+    let xy = 0.5 * (cov[(0, 1)] + cov[(1, 0)]);
+    let blob = Blob { x: mean.x, y: mean.y, xx: cov[(0, 0)], xy, yy: cov[(1, 1)] };
+    let near = mean.x.abs() < MAX_COORDINATE_M && mean.y.abs() < MAX_COORDINATE_M;
+    let definite = blob.xx > 0.0 && blob.xx * blob.yy - xy * xy > MIN_DETERMINANT_M4;
+    let bounded = blob.xx + blob.yy < MAX_COORDINATE_M;
+    let offset_m = || {
+        if offset_sigma_m > 0.0 { line_of_sight(&mean) * offset_sigma_m } else { Vector2::zeros() }
+    };
+    (near && definite && bounded).then(|| Seen {
+        blob,
+        offset_m: offset_m(),
+        side: Side::Ref,
+        time_s: 0.0,
+    })
+}
+
+impl Seen {
+    /// The point in the reference frame with its derivatives: `y = Φ z + t + u σ η` for the node,
+    /// `y = z + u σ η` for the reference, `u` along the line of sight and `η` the side's offset in
+    /// standard deviations. Columns: value, by the pose, by `η` of the reference, of the node.
+    /// `offsets` are the two values of `η`, `scale` a factor on the covariance.
+    pub(super) fn observed<const C: usize>(
+        &self,
+        motion: &Motion,
+        offsets: &[f64; 2],
+        scale: f64,
+    ) -> Observation<C> {
+        let mut columns = [Vector2::zeros(); C];
+        let is_node = self.side == Side::Node;
+        let mapped = if is_node { motion.apply(&self.blob) } else { self.blob };
+        let (u, v) = (self.offset_m.x, self.offset_m.y);
+        let along = if is_node {
+            Vector2::from(<[f64; 2]>::from(motion.turned(u, v)))
+        } else {
+            self.offset_m
+        };
+        columns[0] = Vector2::new(mapped.x, mapped.y) + along * offsets[self.side as usize];
+        if is_node && C > POSE_COLUMN {
+            let lever = columns[0] - Vector2::new(motion.x, motion.y);
+            columns[POSE_COLUMN] = Vector2::new(1.0, 0.0);
+            columns[POSE_COLUMN + 1] = Vector2::new(0.0, 1.0);
+            columns[POSE_COLUMN + 2] = Vector2::new(-lever.y, lever.x);
+        }
+        if C > OFFSET_COLUMN {
+            columns[OFFSET_COLUMN + self.side as usize] = along;
+        }
+        let cov_m2 = Matrix2::new(mapped.xx, mapped.xy, mapped.xy, mapped.yy) * scale;
+        Observation { columns, cov_m2, time_s: self.time_s }
+    }
+
+    /// Covariance of the lasting offset in the reference frame, m².
+    pub(super) fn offset_cov_m2(&self, motion: &Motion) -> Matrix2<f64> {
+        let (u, v) = (self.offset_m.x, self.offset_m.y);
+        let (x, y) = if self.side == Side::Node { motion.turned(u, v) } else { (u, v) };
+        Matrix2::new(x * x, x * y, x * y, y * y)
+    }
+}
