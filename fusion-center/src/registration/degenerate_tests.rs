@@ -268,7 +268,7 @@ const ROUGH: Conditions = Conditions {
 };
 
 #[test]
-pub(super) fn wanderers_in_rough_data_are_found_and_strangers_are_not() {
+fn wanderers_in_rough_data_are_found_and_strangers_are_not() {
     /// Each try has 300 periods; 48 keep the test at a few seconds.
     const ROUGH_TRY_COUNT: u64 = 48;
     /// The widening is read off pairs inside the gate, and so falls short by up to a fifth.
