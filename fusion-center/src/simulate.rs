@@ -191,8 +191,10 @@ impl Sampler {
     }
 }
 
-/// Information of a pair about the pose; none where one of the two is missed.
-fn pair_information(
+/// Information of a pair about the pose `(x_m, y_m, heading_rad)`; none where one of the two is
+/// missed.
+#[must_use]
+pub fn pair_information(
     pose: &Se2<Ref, Node>,
     pair: (&Option<Gaussian<Ref>>, &Option<Gaussian<Node>>),
 ) -> Matrix3<f64> {

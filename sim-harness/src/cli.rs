@@ -9,6 +9,7 @@ use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
 
+use crate::montecarlo;
 use crate::plan::merge;
 use crate::report::{Report, Summary};
 use crate::run::{Options, run, unix_now_s};
@@ -28,6 +29,9 @@ pub struct Arguments {
 enum Action {
     /// Run a scenario: the centre and one process per node, to the end; then score.
     Run(Box<RunFlags>),
+    /// Repeat an experiment of the registration paper many times over: solvers beside the bound and
+    /// what was published.
+    Montecarlo(Box<MonteCarloFlags>),
     /// List the scenarios that come with the program.
     List {
         #[command(flatten)]
@@ -71,6 +75,17 @@ struct RunFlags {
     format: Format,
 }
 
+#[derive(Debug, clap::Args)]
+struct MonteCarloFlags {
+    #[command(flatten)]
+    experiment: montecarlo::Flags,
+    /// Where table data and pictures go; a new folder below runs/ if left out.
+    #[arg(long, value_name = "FOLDER")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    format: Format,
+}
+
 /// How results are printed.
 #[derive(Clone, Copy, Debug, clap::Args)]
 struct Format {
@@ -97,6 +112,7 @@ pub fn main_by_name() -> ExitCode {
 pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     process::main(words, async |arguments: Arguments, stop| match &arguments.action {
         Action::List { format } => list(*format),
+        Action::Montecarlo(flags) => montecarlo(flags, &stop),
         Action::Run(flags) => run_all(flags, arguments.process.log_filter(), &stop).await,
     })
 }
@@ -123,7 +139,7 @@ async fn run_all(
 ) -> anyhow::Result<()> {
     ensure!(0 < flags.seeds, "--seeds is 0: use 1 or more");
     let scenario = flags.scenario()?;
-    let folder = flags.folder(&scenario)?;
+    let folder = new_folder(flags.out.as_deref(), &scenario.name)?;
     let mut reports: Vec<Report> = Vec::new();
     let mut failed_seeds = Vec::new();
     let last_seed =
@@ -155,6 +171,19 @@ async fn run_all(
     };
     ensure!(success, "not every node that can be registered was registered within the bounds");
     Ok(())
+}
+
+fn montecarlo(flags: &MonteCarloFlags, stop: &CancellationToken) -> anyhow::Result<()> {
+    let experiment = montecarlo::Experiment::new(&flags.experiment)?;
+    let folder = new_folder(flags.out.as_deref(), &experiment.name())?;
+    // Signals come on a thread of their own: nothing else waits for this one.
+    let report = montecarlo::run(&experiment, &folder, stop)?;
+    let text = if flags.format.json {
+        report.json()? + "\n"
+    } else {
+        format!("{}files in {}\n", report.table(), folder.display())
+    };
+    process::print(&text)
 }
 
 fn print_one(report: &Report, format: Format) -> anyhow::Result<bool> {
@@ -190,19 +219,19 @@ impl RunFlags {
         scenario.kills.sort_by_key(|kill| kill.after_ms);
         scenario.resolve()
     }
+}
 
-    fn folder(&self, scenario: &Scenario) -> anyhow::Result<PathBuf> {
-        let folder = self.out.clone().unwrap_or_else(|| {
-            let started = format!("{}-{:.0}", scenario.name, unix_now_s() * 1e3);
-            Path::new("runs").join(started)
-        });
-        ensure!(!folder.is_file(), "--out {}: it is a file; name a folder", folder.display());
-        let fresh = !folder.exists()
-            || std::fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_none());
-        ensure!(fresh, "--out {}: the folder is not empty; choose a new one", folder.display());
-        std::fs::create_dir_all(&folder)
-            .with_context(|| format!("creating {}", folder.display()))?;
-        let path = folder.canonicalize();
-        path.with_context(|| folder.display().to_string())
-    }
+/// The folder that was named, or a new one below `runs/`; it must be empty.
+fn new_folder(named: Option<&Path>, what: &str) -> anyhow::Result<PathBuf> {
+    let folder = named.map_or_else(
+        || Path::new("runs").join(format!("{what}-{:.0}", unix_now_s() * 1e3)),
+        Path::to_owned,
+    );
+    ensure!(!folder.is_file(), "--out {}: it is a file; name a folder", folder.display());
+    let fresh = !folder.exists()
+        || std::fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_none());
+    ensure!(fresh, "--out {}: the folder is not empty; choose a new one", folder.display());
+    std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+    let path = folder.canonicalize();
+    path.with_context(|| folder.display().to_string())
 }

@@ -4,6 +4,7 @@
 pub mod cli;
 mod draw;
 mod launch;
+mod montecarlo;
 mod observe;
 mod plan;
 mod progress;

@@ -14,13 +14,18 @@ use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
 
 /// Which part of a text lies at the given place.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Anchor {
+pub enum Anchor {
+    /// Its left end.
     Left,
+    /// Its middle.
     Middle,
+    /// Its right end.
     Right,
 }
 
-pub(super) struct Canvas {
+/// Pixels of red, green and blue, row by row from the top.
+#[derive(Clone, Debug)]
+pub struct Canvas {
     width: u32,
     height: u32,
     rgb: Vec<u8>,
@@ -28,26 +33,40 @@ pub(super) struct Canvas {
 
 impl Canvas {
     /// A black canvas.
-    pub(super) fn new(width: u32, height: u32) -> Self {
+    #[must_use]
+    pub fn new(width: u32, height: u32) -> Self {
         Self { width, height, rgb: vec![0; 3 * width as usize * height as usize] }
     }
 
     /// Colours one pixel; outside the canvas nothing happens.
-    pub(super) fn set(&mut self, at: Pixel, color: Rgb888) {
-        let (Ok(x), Ok(y)) = (u32::try_from(at.x), u32::try_from(at.y)) else { return };
-        if x < self.width && y < self.height {
-            let index = 3 * (y as usize * self.width as usize + x as usize);
+    pub fn set(&mut self, at: Pixel, color: Rgb888) {
+        if let Some(index) = self.index(at) {
             self.rgb[index..index + 3].copy_from_slice(&[color.r(), color.g(), color.b()]);
         }
     }
 
-    pub(super) fn line(&mut self, from: Pixel, to: Pixel, color: Rgb888) {
+    /// The colour of a pixel; `None` outside the canvas.
+    #[must_use]
+    pub fn get(&self, at: Pixel) -> Option<Rgb888> {
+        let index = self.index(at)?;
+        Some(Rgb888::new(self.rgb[index], self.rgb[index + 1], self.rgb[index + 2]))
+    }
+
+    /// Where a pixel's three bytes begin.
+    fn index(&self, at: Pixel) -> Option<usize> {
+        let (Ok(x), Ok(y)) = (u32::try_from(at.x), u32::try_from(at.y)) else { return None };
+        let is_inside = x < self.width && y < self.height;
+        is_inside.then_some(3 * (y as usize * self.width as usize + x as usize))
+    }
+
+    /// Draws a line one pixel wide.
+    pub fn line(&mut self, from: Pixel, to: Pixel, color: Rgb888) {
         let line = Line::new(from, to).into_styled(PrimitiveStyle::with_stroke(color, 1));
         let Ok(()) = line.draw(self);
     }
 
     /// Writes white text whose vertical middle is at `at`.
-    pub(super) fn text(&mut self, text: &str, at: Pixel, anchor: Anchor) {
+    pub fn text(&mut self, text: &str, at: Pixel, anchor: Anchor) {
         let alignment = match anchor {
             Anchor::Left => Alignment::Left,
             Anchor::Middle => Alignment::Center,
@@ -58,7 +77,11 @@ impl Canvas {
         let Ok(_end) = Text::with_text_style(text, at, font, style).draw(self);
     }
 
-    pub(super) fn write_png(&self, output: impl Write) -> Result<(), png::EncodingError> {
+    /// Writes the canvas as PNG.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_png(&self, output: impl Write) -> Result<(), png::EncodingError> {
         let mut encoder = png::Encoder::new(output, self.width, self.height);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);

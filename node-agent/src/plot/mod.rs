@@ -1,7 +1,7 @@
 //! A node's image as a picture for people: decibels in colour, axes in metres, points with their
 //! two-sigma ellipses.
 
-mod canvas;
+pub mod canvas;
 mod density;
 
 use std::io::Write;

@@ -1,0 +1,238 @@
+//! Cumulative curves of the errors, as SVG and as PNG by one routine.
+
+use anyhow::anyhow;
+use node_agent::plot::canvas::Canvas;
+use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
+use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
+use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
+use plotters::prelude::{
+    BLACK, Cartesian2d, Color, Cross, DashedLineSeries, IntoDrawingArea, IntoFont, LineSeries,
+    PathElement, Polygon, RGBColor, SVGBackend, WHITE,
+};
+use plotters_backend::DrawingBackend;
+
+use super::Figure;
+use super::raster::Raster;
+use super::report::Report;
+use super::score::{BOX_ANGLE_DEG, BOX_POSITION_M, CurvePoint, MethodScore};
+use fusion_center::offline::COLORS;
+
+const PANEL_SIZE: (u32, u32) = (560, 330);
+const HEADING_PIXELS: u32 = 34;
+const GREY: RGBColor = RGBColor(120, 120, 120);
+/// Length and gap of the dashes of the bound's curve, pixels.
+const DASH: (i32, i32) = (6, 4);
+/// At this size the library's guess of a text's width holds the widest letters of the raster.
+const LEGEND_SIZE: u32 = 16;
+/// How much of a curve's colour its confidence band has.
+const BAND_SHARE: f64 = 0.12;
+
+/// A cumulative curve with its confidence band.
+struct Curve {
+    label: String,
+    color: RGBColor,
+    is_bound: bool,
+    points: Vec<CurvePoint>,
+}
+
+/// What the paper states, at a limit; without a share a line across all shares.
+struct Mark {
+    label: &'static str,
+    limit: f64,
+    share: Option<f64>,
+}
+
+/// One pair of axes.
+struct Panel {
+    title: String,
+    unit: &'static str,
+    reach: f64,
+    curves: Vec<Curve>,
+    mark: Option<Mark>,
+}
+
+/// All that is drawn.
+pub(super) struct Page {
+    heading: String,
+    /// Left position, right angle, a row for each condition.
+    panels: Vec<Panel>,
+}
+
+type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+impl Page {
+    /// The curves of all methods under all conditions.
+    pub(super) fn of(report: &Report) -> Self {
+        let mut panels = Vec::new();
+        for result in &report.conditions {
+            let label = result.condition.label;
+            let [position, angle] = marks(report.figure);
+            panels.push(Panel {
+                title: format!("{label}: share of trials with position error up to"),
+                unit: "m",
+                reach: report.reach.position_m,
+                curves: curves(&result.methods, |method| &method.position_m.curve),
+                mark: position,
+            });
+            panels.push(Panel {
+                title: format!("{label}: share of trials with angle error up to"),
+                unit: "deg",
+                reach: report.reach.angle_deg,
+                curves: curves(&result.methods, |method| &method.angle_deg.curve),
+                mark: angle,
+            });
+        }
+        Self { heading: report.heading(), panels }
+    }
+
+    fn row_count(&self) -> usize {
+        self.panels.len() / 2
+    }
+
+    fn size(&self) -> anyhow::Result<(u32, u32)> {
+        let rows = u32::try_from(self.row_count())?;
+        Ok((2 * PANEL_SIZE.0, rows * PANEL_SIZE.1 + HEADING_PIXELS))
+    }
+
+    /// The picture as SVG.
+    ///
+    /// # Errors
+    /// If it cannot be drawn.
+    pub(super) fn svg(&self) -> anyhow::Result<String> {
+        let mut svg = String::new();
+        let area = SVGBackend::with_string(&mut svg, self.size()?).into_drawing_area();
+        self.draw(&area).map_err(|error| anyhow!("drawing the curves as SVG: {error}"))?;
+        drop(area);
+        Ok(svg)
+    }
+
+    /// The picture as PNG.
+    ///
+    /// # Errors
+    /// If it cannot be drawn or written.
+    pub(super) fn png(&self) -> anyhow::Result<Vec<u8>> {
+        let size = self.size()?;
+        let mut canvas = Canvas::new(size.0, size.1);
+        let area = Raster::new(&mut canvas, size).into_drawing_area();
+        self.draw(&area).map_err(|error| anyhow!("drawing the curves as PNG: {error}"))?;
+        drop(area);
+        let mut png = Vec::new();
+        canvas.write_png(&mut png)?;
+        Ok(png)
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        area.fill(&WHITE)?;
+        let (heading, rest) = area.split_vertically(HEADING_PIXELS);
+        heading.titled(&self.heading, ("sans-serif", 22).into_font())?;
+        for (panel, place) in self.panels.iter().zip(rest.split_evenly((self.row_count(), 2))) {
+            draw_panel(panel, &place)?;
+        }
+        area.present()
+    }
+}
+
+/// The published figures as far as they can be drawn: in all three conditions of figure 6 more than
+/// 90 % in the box, and the means of figure 10.
+fn marks(figure: Figure) -> [Option<Mark>; 2] {
+    let boxed = |limit| {
+        let label = "published (J = 500)";
+        Some(Mark { label, limit, share: Some(0.9) })
+    };
+    let mean = |limit| Some(Mark { label: "published mean", limit, share: None });
+    match figure {
+        Figure::Fig6 => [boxed(BOX_POSITION_M), boxed(BOX_ANGLE_DEG)],
+        Figure::Fig7 => [None, None],
+        Figure::Fig10 => [mean(0.19), mean(3.15)],
+    }
+}
+
+fn curves(methods: &[MethodScore], of: impl Fn(&MethodScore) -> &Vec<CurvePoint>) -> Vec<Curve> {
+    let colors = COLORS.iter().cycle();
+    let is_bound = |method: &MethodScore| method.trials.is_empty();
+    let solvers = methods.iter().filter(|method| !is_bound(method)).zip(colors);
+    let bound = methods.iter().filter(|method| is_bound(method)).map(|method| (method, &BLACK));
+    let curve = |(method, color): (&MethodScore, &RGBColor)| {
+        let label = if is_bound(method) { "Cramer-Rao bound" } else { method.method.as_str() };
+        Curve {
+            label: label.to_owned(),
+            color: *color,
+            is_bound: is_bound(method),
+            points: of(method).clone(),
+        }
+    };
+    solvers.chain(bound).map(curve).collect()
+}
+
+fn draw_panel<B: DrawingBackend>(panel: &Panel, place: &DrawingArea<B, Shift>) -> Drawn<B> {
+    let mut chart = ChartBuilder::on(place)
+        .caption(&panel.title, ("sans-serif", 16).into_font())
+        .margin(10)
+        .x_label_area_size(38)
+        .y_label_area_size(38)
+        .build_cartesian_2d(0.0..panel.reach, 0.0..1.02)?;
+    let grid = RGBColor(228, 228, 228);
+    chart
+        .configure_mesh()
+        .x_desc(panel.unit)
+        .light_line_style(WHITE)
+        .bold_line_style(grid)
+        .draw()?;
+    for curve in panel.curves.iter().filter(|curve| !curve.is_bound) {
+        chart.draw_series([band(curve)])?;
+    }
+    for curve in &panel.curves {
+        draw_curve(&mut chart, curve)?;
+    }
+    if let Some(mark) = &panel.mark {
+        draw_mark(&mut chart, mark)?;
+    }
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::LowerRight)
+        .background_style(WHITE.mix(0.9))
+        .border_style(GREY)
+        .label_font(("sans-serif", LEGEND_SIZE).into_font())
+        .draw()
+}
+
+/// The confidence band of every share on the curve.
+fn band(curve: &Curve) -> Polygon<(f64, f64)> {
+    let lower = curve.points.iter().map(|point| (point.limit, point.at_most.low));
+    let upper = curve.points.iter().rev().map(|point| (point.limit, point.at_most.high));
+    Polygon::new(lower.chain(upper).collect::<Vec<_>>(), curve.color.mix(BAND_SHARE))
+}
+
+fn draw_curve<B: DrawingBackend>(chart: &mut Chart<'_, B>, curve: &Curve) -> Drawn<B> {
+    let points: Vec<(f64, f64)> =
+        curve.points.iter().map(|point| (point.limit, point.at_most.share)).collect();
+    let style = curve.color.stroke_width(if curve.is_bound { 1 } else { 2 });
+    let series = if curve.is_bound {
+        chart.draw_series(DashedLineSeries::new(points, DASH.0, DASH.1, style))?
+    } else {
+        chart.draw_series(LineSeries::new(points, style))?
+    };
+    series
+        .label(curve.label.clone())
+        .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], style));
+    Ok(())
+}
+
+fn draw_mark<B: DrawingBackend>(chart: &mut Chart<'_, B>, mark: &Mark) -> Drawn<B> {
+    let series = match mark.share {
+        Some(share) => {
+            chart.draw_series([Cross::new((mark.limit, share), 6, BLACK.stroke_width(2))])?
+        }
+        None => {
+            let ends = vec![(mark.limit, 0.0), (mark.limit, 1.0)];
+            chart.draw_series([PathElement::new(ends, GREY.stroke_width(1))])?
+        }
+    };
+    series.label(mark.label).legend(move |(x, y)| {
+        let style = BLACK.stroke_width(2);
+        PathElement::new(vec![(x + 4, y - 4), (x + 12, y + 4)], style)
+    });
+    Ok(())
+}

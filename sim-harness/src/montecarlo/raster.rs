@@ -1,0 +1,106 @@
+//! Pixels for the plotting library, so that one drawing routine makes SVG and PNG.
+
+use std::convert::Infallible;
+
+use embedded_graphics::mono_font::ascii::{FONT_7X13, FONT_9X15_BOLD};
+use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
+use embedded_graphics::pixelcolor::Rgb888;
+use embedded_graphics::prelude::{Drawable, Point as Pixel, RgbColor};
+use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
+use node_agent::plot::canvas::Canvas;
+use plotters_backend::text_anchor::{HPos, VPos};
+use plotters_backend::{
+    BackendColor, BackendCoord, BackendTextStyle, DrawingBackend, DrawingErrorKind,
+};
+
+/// Texts of at least this size are titles.
+const TITLE_SIZE: f64 = 17.0;
+
+type Drawn = Result<(), DrawingErrorKind<Infallible>>;
+
+/// Draws on a canvas of `size` pixels. Knows ASCII, written from left to right, in two sizes.
+pub(super) struct Raster<'a> {
+    canvas: &'a mut Canvas,
+    size: (u32, u32),
+}
+
+impl<'a> Raster<'a> {
+    pub(super) fn new(canvas: &'a mut Canvas, size: (u32, u32)) -> Self {
+        Self { canvas, size }
+    }
+}
+
+impl DrawingBackend for Raster<'_> {
+    type ErrorType = Infallible;
+
+    fn get_size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    fn ensure_prepared(&mut self) -> Drawn {
+        Ok(())
+    }
+
+    fn present(&mut self) -> Drawn {
+        Ok(())
+    }
+
+    fn draw_pixel(&mut self, (x, y): BackendCoord, color: BackendColor) -> Drawn {
+        let at = Pixel::new(x, y);
+        if let Some(under) = self.canvas.get(at) {
+            let (r, g, b) = color.rgb;
+            let mixed = Rgb888::new(
+                mix(under.r(), r, color.alpha),
+                mix(under.g(), g, color.alpha),
+                mix(under.b(), b, color.alpha),
+            );
+            self.canvas.set(at, mixed);
+        }
+        Ok(())
+    }
+
+    fn draw_text<S: BackendTextStyle>(
+        &mut self,
+        text: &str,
+        style: &S,
+        (x, y): BackendCoord,
+    ) -> Drawn {
+        let alignment = match style.anchor().h_pos {
+            HPos::Left => Alignment::Left,
+            HPos::Center => Alignment::Center,
+            HPos::Right => Alignment::Right,
+        };
+        let baseline = match style.anchor().v_pos {
+            VPos::Top => Baseline::Top,
+            VPos::Center => Baseline::Middle,
+            VPos::Bottom => Baseline::Bottom,
+        };
+        let (r, g, b) = style.color().rgb;
+        let letters = MonoTextStyle::new(font(style.size()), Rgb888::new(r, g, b));
+        let layout = TextStyleBuilder::new().alignment(alignment).baseline(baseline).build();
+        let Ok(_end) =
+            Text::with_text_style(text, Pixel::new(x, y), letters, layout).draw(self.canvas);
+        Ok(())
+    }
+
+    fn estimate_text_size<S: BackendTextStyle>(
+        &self,
+        text: &str,
+        style: &S,
+    ) -> Result<(u32, u32), DrawingErrorKind<Infallible>> {
+        let letter = font(style.size()).character_size;
+        let count = u32::try_from(text.chars().count()).unwrap_or(u32::MAX);
+        Ok((letter.width.saturating_mul(count), letter.height))
+    }
+}
+
+fn font(size: f64) -> &'static MonoFont<'static> {
+    if size < TITLE_SIZE { &FONT_7X13 } else { &FONT_9X15_BOLD }
+}
+
+/// `over` laid on `under` with the given opacity.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between two bytes")]
+fn mix(under: u8, over: u8, opacity: f64) -> u8 {
+    let share = opacity.clamp(0.0, 1.0);
+    (f64::from(under) * (1.0 - share) + f64::from(over) * share).round() as u8
+}
