@@ -128,7 +128,7 @@ fn list(format: Format) -> anyhow::Result<()> {
     if format.json {
         return process::print(&format!("{}\n", serde_json::to_string_pretty(&scenarios)?));
     }
-    let lines = scenarios.iter().map(|s| format!("{:10} {}\n", s.name, s.title));
+    let lines = scenarios.iter().map(|s| format!("{:14} {}\n", s.name, s.title));
     process::print(&lines.collect::<String>())
 }
 

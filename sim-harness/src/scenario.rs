@@ -12,11 +12,11 @@ use serde::{Deserialize, Serialize};
 /// The scenarios that come with the program.
 const SHIPPED: [(&str, &str); 6] = [
     ("paper", include_str!("../scenarios/paper.toml")),
-    ("paper-physical", include_str!("../scenarios/paper-physical.toml")),
-    ("measured-room", include_str!("../scenarios/measured-room.toml")),
     ("office", include_str!("../scenarios/office.toml")),
     ("recorded", include_str!("../scenarios/recorded.toml")),
     ("load", include_str!("../scenarios/load.toml")),
+    ("paper-physical", include_str!("../scenarios/paper-physical.toml")),
+    ("measured-room", include_str!("../scenarios/measured-room.toml")),
 ];
 
 /// Longest recording that is played, seconds: a day.

@@ -137,19 +137,18 @@ mod tests {
         let (band, array) = (Band { step_count: 23, ..Band::default() }, Array::default());
         let noise_power = 0.7;
         let place_m = [1.7, 3.1];
+        let channels: Vec<_> =
+            array.tx_m.iter().flat_map(|tx| array.rx_m.iter().map(move |rx| [tx, rx])).collect();
         let samples = |p: [f64; 2], re: f64, im: f64| {
-            let mut all = Vec::new();
-            for tx in &array.tx_m {
-                for rx in &array.rx_m {
-                    let leg = |a: &[f64; 2]| (p[0] - a[0]).hypot(p[1] - a[1]);
-                    let delay_s = (leg(tx) + leg(rx)) / 299_792_458.0;
-                    for index in 0..band.step_count {
-                        let (sin, cos) = (-TAU * band.frequency_hz(index) * delay_s).sin_cos();
-                        all.extend([re * cos - im * sin, re * sin + im * cos]);
-                    }
-                }
-            }
-            all
+            let leg = |a: &[f64; 2]| (p[0] - a[0]).hypot(p[1] - a[1]);
+            let sample = |[tx, rx]: &[&[f64; 2]; 2], index: usize| {
+                let delay_s = (leg(tx) + leg(rx)) / 299_792_458.0;
+                let (sin, cos) = (-TAU * band.frequency_hz(index) * delay_s).sin_cos();
+                [re * cos - im * sin, re * sin + im * cos]
+            };
+            let frequencies = || 0..band.step_count;
+            let all = channels.iter().flat_map(|c| frequencies().flat_map(move |k| sample(c, k)));
+            all.collect::<Vec<f64>>()
         };
         let step = 1e-5;
         let at = |d: [f64; 4]| samples([place_m[0] + d[0], place_m[1] + d[1]], 1.0 + d[2], d[3]);

@@ -10,7 +10,7 @@ use node_agent::config::AgentConfig;
 use node_agent::imaging::Sweep;
 use node_agent::imaging::canceller::CancellerConfig;
 use node_agent::pipeline::Chain;
-use node_agent::simulate::Disturbance;
+use node_agent::simulate::{Disturbance, Truth};
 use node_agent::source::Frame;
 use proto::geom::{Gaussian, Node, Point, Ref, Se2};
 
@@ -35,6 +35,15 @@ struct StageNode {
     /// A chain that has seen nothing.
     chain: Chain,
     bound: Option<PointBound>,
+}
+
+impl StageNode {
+    /// The targets of a period, measured as well as can be; none where no bound is known.
+    fn best(&self, truth: &Truth) -> Vec<Option<Gaussian<Node>>> {
+        let Some(bound) = &self.bound else { return Vec::new() };
+        let places = truth.targets_in_node.iter().zip(&truth.visible);
+        places.map(|(place, shows)| bound.measured(*place).filter(|_| *shows)).collect()
+    }
 }
 
 /// One period as a node saw it and as it was.
@@ -117,15 +126,9 @@ impl Stage {
                 continue;
             }
             let points = measured.points.iter().map(|point| point.middle(half_depth_m, 0.0));
-            let best = source.truth(period).filter(|_| node.bound.is_some()).map(|truth| {
-                let places = truth.targets_in_node.into_iter().zip(truth.visible);
-                let best = |(place, shows): (Point<Node>, bool)| {
-                    node.bound.as_ref().filter(|_| shows)?.measured(place)
-                };
-                places.map(best).collect()
-            });
+            let best = source.truth(period).map_or_else(Vec::new, |truth| node.best(&truth));
             let (points, time_s) = (points.collect(), source.middle_s(period));
-            all.push(Seen { time_s, points, best: best.unwrap_or_default() });
+            all.push(Seen { time_s, points, best });
         }
         Ok(all)
     }

@@ -58,9 +58,10 @@ impl Report {
             (Figure::Fig6 | Figure::Fig7, Some("paper-physical")) => {
                 judged().map(|(label, ours)| bound_bar(label, ours)).collect()
             }
-            (Figure::Fig6 | Figure::Fig7, _) => {
-                judged().map(|(l, ours)| box_bar(l, ours)).collect()
+            (Figure::Fig6 | Figure::Fig7, Some("paper")) => {
+                judged().map(|(label, ours)| box_bar(label, ours)).collect()
             }
+            (Figure::Fig6 | Figure::Fig7, _) => Vec::new(),
         }
     }
 
@@ -81,10 +82,9 @@ impl Report {
             "solve",
         ]);
         for result in &self.conditions {
-            for (index, method) in result.methods.iter().enumerate() {
-                let label = if index == 0 { result.condition.label } else { "" };
-                table.add_row(row(label, method));
-            }
+            let first = std::iter::once(result.condition.label);
+            let labels = first.chain(std::iter::repeat(""));
+            table.add_rows(labels.zip(&result.methods).map(|(label, method)| row(label, method)));
         }
         for column in 2..11 {
             if let Some(column) = table.column_mut(column) {

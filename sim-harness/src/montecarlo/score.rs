@@ -109,13 +109,15 @@ const CURVE_POINT_COUNT: u32 = 120;
 
 impl Spread {
     fn new(errors: &Distribution, reach: f64) -> Self {
-        let limit = |index: u32| reach * f64::from(index) / f64::from(CURVE_POINT_COUNT);
-        let point = |limit| CurvePoint { limit, at_most: errors.at_most(limit) };
+        let point = |index: u32| {
+            let limit = reach * f64::from(index) / f64::from(CURVE_POINT_COUNT);
+            CurvePoint { limit, at_most: errors.at_most(limit) }
+        };
         Self {
             mean: errors.mean(),
             median: errors.quantile(0.5),
             p95: errors.quantile(0.95),
-            curve: (0..=CURVE_POINT_COUNT).map(limit).map(point).collect(),
+            curve: (0..=CURVE_POINT_COUNT).map(point).collect(),
         }
     }
 }

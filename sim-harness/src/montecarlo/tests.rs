@@ -71,6 +71,7 @@ fn figure_6_from_points_is_as_good_as_specified() {
         assert!(bound.position_m.p95 <= ours.position_m.p95.map(|p95| 1.25 * p95));
     }
     assert!(report.table().contains("published: swarm J = 500"));
+    assert!(report.bars().is_empty(), "points have no bar");
 }
 
 #[test]
@@ -99,6 +100,7 @@ fn echoes_give_the_papers_box_and_the_same_whatever_the_threads() {
         }
         assert!(method(result, "bound").in_box.share > 0.85);
     }
+    assert_eq!(one.bars().len(), 3);
     assert_eq!(timeless(one), timeless(three));
 }
 
