@@ -16,7 +16,7 @@ use super::decide::{DecisionConfig, decide_first, too_wide};
 use super::likelihood::for_each_period;
 use super::modes::{Mode, fixed, merged, refine, separated};
 use super::prepared::{Blob, Motion, Prepared};
-use super::{Missing, Outcome, Pairwise, PoseEstimate, Problem, Solution, Solver};
+use super::{Outcome, Pairwise, PoseEstimate, Problem, Solution, Solver};
 
 /// Poses that carry the points less than this apart, metres, are one rival.
 const RIVAL_DISTANCE_M: f64 = 0.1;
