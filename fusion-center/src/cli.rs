@@ -3,20 +3,19 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand, ValueEnum};
-use proto::bus::{Bus, ZenohBus};
-use proto::config::{BusConfig, load, with_settings};
-use proto::ids::{BootId, NodeId, SiteId};
-use proto::keys::{Keys, Pattern, Topic};
+use proto::config::{load, with_settings};
+use proto::ids::{NodeId, SiteId};
 use proto::process;
-use proto::wire::{Command, Stamp, encode};
 
 use crate::config::CentreConfig;
 use crate::registration::{SolverKind, build};
 use crate::{offline, service};
+use operate::{Operation, operate};
+
+mod operate;
 
 /// Gathers the point sets of all nodes, works out where the nodes stand, and publishes the
 /// transforms and one fused picture.
@@ -74,12 +73,8 @@ enum SolverFlag {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Ask a running centre to register anew: one node, or all.
-    Recalibrate {
-        /// Which node; all if left out.
-        #[arg(long)]
-        node: Option<NodeId>,
-    },
+    #[command(flatten)]
+    Operate(Operation),
     /// Register recorded points: poses of all nodes, their covariances, and whether the data
     /// decide them.
     Register {
@@ -105,7 +100,7 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
         match arguments.action {
             None => service::run(config, stop).await,
-            Some(Action::Recalibrate { node }) => send(config, Command::Recalibrate { node }).await,
+            Some(Action::Operate(operation)) => operate(config, operation.command()).await,
             Some(Action::Register { input, figures, json }) => {
                 let reference = arguments.flags.reference;
                 let options = offline::Options { input, reference, json, figures };
@@ -148,31 +143,4 @@ impl Arguments {
         config.check().with_context(|| format!("configuration ({origin})"))?;
         Ok(config)
     }
-}
-
-/// A centre that is there shows itself within this time.
-const ANSWER_LIMIT: Duration = Duration::from_secs(3);
-
-/// Sends one command to the centre that listens where `config` says it would.
-async fn send(config: CentreConfig, command: Command) -> anyhow::Result<()> {
-    let BusConfig { connect, listen, .. } = config.bus.clone();
-    let endpoints = if connect.is_empty() { listen } else { connect };
-    let bus_config = BusConfig { connect: endpoints, listen: Vec::new(), ..config.bus };
-    let keys = Keys::new(config.site.clone());
-    let (bus, mut deliveries) =
-        ZenohBus::open(&bus_config, keys.clone(), &[Pattern::AllLive]).await?;
-    let centre_lives = async {
-        while let Some(delivery) = deliveries.recv().await {
-            if matches!(keys.parse(&delivery.key), Ok(Topic::CentreLive(_))) {
-                return;
-            }
-        }
-    };
-    tokio::time::timeout(ANSWER_LIMIT, centre_lives).await.with_context(|| {
-        format!("no centre of site {} is on this network: check --site", config.site)
-    })?;
-    let stamp = Stamp { boot: BootId::random(), sequence: 0, sent_ns: 0 };
-    bus.publish(&Topic::Command, encode(stamp, &command)?).await?;
-    bus.close().await;
-    Ok(())
 }

@@ -28,6 +28,42 @@ pub struct CentreConfig {
     pub solver: SolverConfig,
     /// How targets are fused.
     pub fuse: FuseConfig,
+    /// How much solving is done.
+    pub work: WorkConfig,
+    /// How a moved node is noticed.
+    pub monitor: MonitorConfig,
+    /// What outlives the centre.
+    pub state: StateConfig,
+}
+
+/// How much solving is done.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WorkConfig {
+    /// Pairs of nodes solved at once; 0 for the number of cores.
+    pub worker_count: usize,
+    /// Share of the workers' time that solving may take; pairs beyond it wait for their turn.
+    pub time_share: f64,
+}
+
+/// How a moved node is noticed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MonitorConfig {
+    /// Newest periods whose points are compared; 0 switches the monitor off.
+    pub window_count: usize,
+    /// Smallest chi-square (three degrees of freedom) of a correction for which a node is suspect.
+    pub min_chi_square: f64,
+    /// Points of two nodes that lie farther apart than this, metres, are not compared.
+    pub gate_m: f64,
+}
+
+/// What outlives the centre.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StateConfig {
+    /// File with transforms, epochs and pins, read at the start and kept up to date; none if empty.
+    pub path: String,
 }
 
 /// How point sets are brought together.
@@ -36,8 +72,12 @@ pub struct CentreConfig {
 pub struct GatherConfig {
     /// Length of one detection period; the agents' period.
     pub period_s: f64,
-    /// Periods kept for registration; older ones are forgotten.
+    /// Periods kept for registration whatever they show.
     pub window_count: usize,
+    /// Older periods kept beside them: those whose common points lie where few others do.
+    pub reserve_count: usize,
+    /// Side of the cells, metres in each node's frame, by which places are told apart.
+    pub place_m: f64,
     /// How long a period waits for a node that is alive but late.
     pub max_wait_s: f64,
     /// A node not heard for this long is silent: nobody waits for it.
@@ -68,7 +108,22 @@ impl Default for CentreConfig {
             gather: GatherConfig::default(),
             solver: SolverConfig::default(),
             fuse: FuseConfig::default(),
+            work: WorkConfig::default(),
+            monitor: MonitorConfig::default(),
+            state: StateConfig::default(),
         }
+    }
+}
+
+impl Default for WorkConfig {
+    fn default() -> Self {
+        Self { worker_count: 0, time_share: 0.5 }
+    }
+}
+
+impl Default for MonitorConfig {
+    fn default() -> Self {
+        Self { window_count: 20, min_chi_square: 30.0, gate_m: 1.0 }
     }
 }
 
@@ -77,6 +132,8 @@ impl Default for GatherConfig {
         Self {
             period_s: 0.1,
             window_count: 120,
+            reserve_count: 60,
+            place_m: 0.5,
             max_wait_s: 0.3,
             silent_after_s: 3.0,
             max_clock_error_s: 0.02,
@@ -116,8 +173,15 @@ impl CentreConfig {
             ("gather.silent_after_s", gather.silent_after_s, 0.1, 3600.0),
             ("gather.max_clock_error_s", gather.max_clock_error_s, 1e-6, 10.0),
             ("gather.window_count", gather.window_count as f64, 2.0, 100_000.0),
+            ("gather.reserve_count", gather.reserve_count as f64, 0.0, 10_000.0),
+            ("gather.place_m", gather.place_m, 0.05, 100.0),
             ("gather.max_node_count", gather.max_node_count as f64, 2.0, 256.0),
             ("fuse.miss_probability", self.fuse.miss_probability, 1e-9, 0.5),
+            ("work.worker_count", self.work.worker_count as f64, 0.0, 256.0),
+            ("work.time_share", self.work.time_share, 0.01, 1.0),
+            ("monitor.window_count", self.monitor.window_count as f64, 0.0, 1000.0),
+            ("monitor.min_chi_square", self.monitor.min_chi_square, 10.0, 1e6),
+            ("monitor.gate_m", self.monitor.gate_m, 0.1, 20.0),
         ] {
             if !(least..=most).contains(&value) {
                 return Err(InvalidConfig(format!("{name} is {value}: use {least} to {most}")));

@@ -60,7 +60,7 @@ pub fn fuse(sightings: &[Sighting], gate: f64) -> Vec<FusedTarget> {
 }
 
 /// Squared normalised distance; `None` where the covariances are singular.
-fn distance(first: &Gaussian<Ref>, second: &Gaussian<Ref>) -> Option<f64> {
+pub(crate) fn distance(first: &Gaussian<Ref>, second: &Gaussian<Ref>) -> Option<f64> {
     let between: Vector2<f64> = first.mean.coords_m - second.mean.coords_m;
     let information = (first.cov_m2 + second.cov_m2).try_inverse()?;
     Some(between.dot(&(information * between)))

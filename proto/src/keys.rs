@@ -8,6 +8,7 @@
 //! transmural/1/{site}/down/tf/{node}      centre to all     transform, last one kept for late joiners
 //! transmural/1/{site}/down/picture        centre to all     picture, last one kept
 //! transmural/1/{site}/ops/command         operator to centre
+//! transmural/1/{site}/ops/answer/{boot}   centre to the operator whose command had this boot id
 //! transmural/1/{site}/sweeps/{node}       a radar's driver to its agent, over a link of their own
 //! transmural/1/{site}/live/{who}/{boot}   liveliness token of a node, or of `centre`
 //! ```
@@ -38,6 +39,8 @@ pub enum Topic {
     Picture,
     /// Operators' commands.
     Command,
+    /// The centre's answer to the operator with this boot id.
+    Answer(BootId),
     /// Raw sweeps of a node's radar.
     Sweeps(NodeId),
     /// A node is alive.
@@ -65,6 +68,8 @@ pub enum Pattern {
     Picture,
     /// Operators' commands.
     Command,
+    /// The centre's answer to one operator.
+    Answer(BootId),
     /// Raw sweeps of one node's radar.
     Sweeps(NodeId),
     /// Everybody's liveliness.
@@ -105,6 +110,7 @@ impl Keys {
             Topic::Transform(node) => format!("down/tf/{node}"),
             Topic::Picture => "down/picture".to_owned(),
             Topic::Command => "ops/command".to_owned(),
+            Topic::Answer(boot) => format!("ops/answer/{boot}"),
             Topic::Sweeps(node) => format!("sweeps/{node}"),
             Topic::NodeLive(node, boot) => format!("live/{node}/{boot}"),
             Topic::CentreLive(boot) => format!("live/{CENTRE}/{boot}"),
@@ -123,6 +129,7 @@ impl Keys {
             Pattern::AllTransforms => "down/tf/*".to_owned(),
             Pattern::Picture => "down/picture".to_owned(),
             Pattern::Command => "ops/command".to_owned(),
+            Pattern::Answer(boot) => format!("ops/answer/{boot}"),
             Pattern::Sweeps(node) => format!("sweeps/{node}"),
             Pattern::AllLive => "live/*/*".to_owned(),
         })
@@ -151,6 +158,7 @@ impl Keys {
             ["down", "tf", node] => Topic::Transform(node.parse().ok()?),
             ["down", "picture"] => Topic::Picture,
             ["ops", "command"] => Topic::Command,
+            ["ops", "answer", boot] => Topic::Answer(boot.parse().ok()?),
             ["sweeps", node] => Topic::Sweeps(node.parse().ok()?),
             ["live", who, boot] if *who == CENTRE => Topic::CentreLive(boot.parse().ok()?),
             ["live", node, boot] => Topic::NodeLive(node.parse().ok()?, boot.parse().ok()?),
@@ -194,6 +202,7 @@ mod tests {
             (Topic::Transform(node.clone()), Pattern::AllTransforms),
             (Topic::Picture, Pattern::Picture),
             (Topic::Command, Pattern::Command),
+            (Topic::Answer(BootId(7)), Pattern::Answer(BootId(7))),
             (Topic::Sweeps(node.clone()), Pattern::Sweeps(node.clone())),
             (Topic::NodeLive(node, BootId(7)), Pattern::AllLive),
             (Topic::CentreLive(BootId(7)), Pattern::AllLive),

@@ -10,6 +10,7 @@ use proto::process;
 use tokio_util::sync::CancellationToken;
 
 use crate::montecarlo;
+use crate::moves::NodeMove;
 use crate::plan::merge;
 use crate::report::{Report, Summary};
 use crate::run::{Options, run, unix_now_s};
@@ -65,6 +66,10 @@ struct RunFlags {
     /// Kill a process without warning: WHO@SECONDS, such as centre@2.5; may be repeated.
     #[arg(long = "kill", value_name = "WHO@SECONDS")]
     kills: Vec<Kill>,
+    /// Move a node of a simulated scenario: NODE@SECOND:DX,DY,TURN_DEG in scene time and the
+    /// world's frame, such as n2@20:0.15,0,3; may be repeated.
+    #[arg(long = "move", value_name = "NODE@SECOND:DX,DY,TURN_DEG")]
+    moves: Vec<NodeMove>,
     /// Where the run's files go; a new folder below runs/ if left out.
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
@@ -216,6 +221,7 @@ impl RunFlags {
             merge(&mut scenario.centre, &centre);
         }
         scenario.kills.extend(self.kills.iter().cloned());
+        scenario.moves.extend(self.moves.iter().cloned());
         scenario.kills.sort_by_key(|kill| kill.after_ms);
         scenario.resolve()
     }

@@ -5,6 +5,7 @@ pub mod cli;
 mod draw;
 mod launch;
 mod montecarlo;
+pub mod moves;
 mod observe;
 mod plan;
 mod progress;

@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use fusion_center::config::CentreConfig;
 use node_agent::config::{AgentConfig, SourceKind};
+use node_agent::source::Move;
 use proto::config::BusConfig;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::moves::NodeMove;
 use crate::scenario::{NodePlan, Scenario};
 
 /// Everything that is launched, and where.
@@ -78,6 +80,11 @@ fn agent(
             simulated.heading_deg = node.heading_deg;
             simulated.period_s = scenario.period_s;
             simulated.period_count = scenario.period_count;
+            let shove = |one: &NodeMove| {
+                let NodeMove { at_s, dx_m, dy_m, turn_deg, .. } = *one;
+                Move { at_s, dx_m, dy_m, turn_deg }
+            };
+            simulated.moves = scenario.moves_of(&node.id).map(shove).collect();
             // Far apart, so that no node of one seed shares its noise with one of another.
             simulated.seed = scenario.seed.wrapping_mul(1000).wrapping_add(index as u64);
         }

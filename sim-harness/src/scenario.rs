@@ -9,6 +9,8 @@ use proto::geom::{Node, Ref, Se2, World};
 use proto::ids::NodeId;
 use serde::{Deserialize, Serialize};
 
+use crate::moves::NodeMove;
+
 /// The scenarios that come with the program.
 const SHIPPED: [(&str, &str); 6] = [
     ("paper", include_str!("../scenarios/paper.toml")),
@@ -62,6 +64,9 @@ pub struct Scenario {
     /// Processes to kill on the way.
     #[serde(default)]
     pub kills: Vec<Kill>,
+    /// Nodes to move on the way; the result is held against the last pose.
+    #[serde(default)]
+    pub moves: Vec<NodeMove>,
 }
 
 fn first_node() -> NodeId {
@@ -282,6 +287,12 @@ impl Scenario {
             let known = who == "centre" || ids.iter().any(|id| id.as_str() == who);
             ensure!(known, "kill {who}: not a node of scenario {name}, and not `centre`");
         }
+        self.moves.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
+        for NodeMove { node, .. } in &self.moves {
+            ensure!(self.recording.is_none(), "scenario {name}: a recording has no moves");
+            let is_node = self.nodes.iter().any(|plan| plan.id == *node);
+            ensure!(is_node, "move {node}: not a node of scenario {name}");
+        }
         Ok(self)
     }
 
@@ -348,16 +359,27 @@ impl Scenario {
         Ok(earliest_s)
     }
 
-    /// The true pose of a node in the reference node's frame.
+    /// The moves of one node, ascending in time.
+    pub fn moves_of(&self, node: &NodeId) -> impl Iterator<Item = &NodeMove> {
+        self.moves.iter().filter(move |one| one.node == *node)
+    }
+
+    /// The true pose of a node in the reference node's frame, after all moves.
     #[must_use]
     pub fn truth(&self, node: &NodePlan) -> Se2<Ref, Node> {
-        let pose_world_from_ref = self
-            .nodes
-            .iter()
-            .find(|other| other.id == self.reference)
-            .map_or(Se2::identity(), NodePlan::pose_world_from_node);
+        let last = |start: &NodePlan| {
+            let mut plan = start.clone();
+            for NodeMove { dx_m, dy_m, turn_deg, .. } in self.moves_of(&start.id) {
+                plan.x_m += dx_m;
+                plan.y_m += dy_m;
+                plan.heading_deg += turn_deg;
+            }
+            plan.pose_world_from_node()
+        };
+        let reference = self.nodes.iter().find(|other| other.id == self.reference);
+        let pose_world_from_ref = reference.map_or(Se2::identity(), last);
         // The reference node's own frame is `Ref`: only the name of the frame changes.
-        let relative: Se2<Node, Node> = pose_world_from_ref.inverse() * node.pose_world_from_node();
+        let relative: Se2<Node, Node> = pose_world_from_ref.inverse() * last(node);
         let at = relative.translation_m();
         Se2::new(at.x, at.y, relative.heading_rad())
     }
@@ -366,6 +388,25 @@ impl Scenario {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn moves_are_read_and_change_the_truth() {
+        let mut scenario = find("paper").unwrap();
+        scenario.moves = vec!["n2@3:0.5,-1,90".parse().unwrap()];
+        assert_eq!(String::from(scenario.moves[0].clone()), "n2@3:0.5,-1,90");
+        let scenario = scenario.resolve().unwrap();
+        let second = scenario.nodes.iter().find(|node| node.id.as_str() == "n2").unwrap();
+        let truth = scenario.truth(second);
+        assert!((truth.translation_m() - nalgebra::Vector2::new(-4.5, 4.0)).norm() < 1e-9);
+        assert!(truth.heading_rad().abs() < 1e-9);
+        for bad in ["n2@3", "n2@3:1,2", "n2@x:1,2,3", "n2@3:1,2,inf"] {
+            let refused = bad.parse::<NodeMove>().unwrap_err().to_string();
+            assert!(refused.contains("NODE@SECOND:DX,DY,TURN_DEG"), "{bad}: {refused}");
+        }
+        let mut strange = find("paper").unwrap();
+        strange.moves = vec!["n9@3:0,0,1".parse().unwrap()];
+        assert!(strange.resolve().unwrap_err().to_string().contains("n9"));
+    }
 
     #[test]
     fn every_shipped_scenario_is_read_and_named_after_its_file() {

@@ -28,6 +28,8 @@ pub(crate) struct NodeScore {
     pub(crate) sigma: Option<Sigma>,
     /// Squared pose error in units of its covariance; 3 on average if the covariance is true.
     pub(crate) normalised_error: Option<f64>,
+    /// Epoch of the transform in force.
+    pub(crate) epoch: Option<u64>,
     pub(crate) outcome: String,
     pub(crate) missing: Option<String>,
     /// Its process ended before the run did.
@@ -79,6 +81,7 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
         angle_error_deg: errors.map(|errors| errors.angle_rad.to_degrees()),
         sigma,
         normalised_error: errors.zip(covariance).and_then(|(e, c)| e.normalised(&c)),
+        epoch: transform.map(|t| t.epoch),
         outcome,
         missing,
         was_lost: false,
@@ -143,6 +146,11 @@ fn outcome(outcome: Option<&Outcome>) -> (String, Option<String>) {
             ("ambiguous", Some(format!("{} other poses fit as well", rivals.len())))
         }
         Some(Outcome::Underdetermined { missing }) => ("underdetermined", Some(missing.clone())),
+        Some(Outcome::Detached { with }) => {
+            let names: Vec<&str> = with.iter().map(NodeId::as_str).collect();
+            let missing = format!("hangs together with {} only", names.join(", "));
+            ("detached", Some(missing))
+        }
     };
     (name.to_owned(), missing)
 }
@@ -153,5 +161,6 @@ fn state(state: NodeState) -> &'static str {
         NodeState::Unregistered => "unregistered",
         NodeState::ClockUnknown => "clock unknown",
         NodeState::Silent => "silent",
+        NodeState::Suspect => "suspect",
     }
 }

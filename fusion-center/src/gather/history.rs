@@ -92,6 +92,8 @@ pub struct NodeHistory {
     pub clock: Option<ClockEstimate>,
     pub(super) awaiting_clock: VecDeque<(CentreTime, Received<PointSet>)>,
     sets: BTreeMap<i64, KeptSet>,
+    /// Sets older than the window, of periods that are worth keeping.
+    reserve: BTreeMap<i64, KeptSet>,
     seen: BTreeSet<u64>,
     first_sequence: Option<u64>,
     /// The sequence number that should come next.
@@ -116,6 +118,7 @@ impl NodeHistory {
             clock: None,
             awaiting_clock: VecDeque::new(),
             sets: BTreeMap::new(),
+            reserve: BTreeMap::new(),
             seen: BTreeSet::new(),
             first_sequence: None,
             next_sequence: 0,
@@ -126,10 +129,28 @@ impl NodeHistory {
         }
     }
 
-    /// The sets kept, by period.
+    /// The sets of the window, by period.
     #[must_use]
     pub fn sets(&self) -> &BTreeMap<i64, KeptSet> {
         &self.sets
+    }
+
+    /// The sets kept from before the window, by period.
+    #[must_use]
+    pub fn reserve(&self) -> &BTreeMap<i64, KeptSet> {
+        &self.reserve
+    }
+
+    /// All sets kept, oldest first.
+    pub fn all_sets(&self) -> impl Iterator<Item = (i64, &KeptSet)> {
+        let reserved = self.reserve.iter().filter(|(period, _)| !self.sets.contains_key(period));
+        reserved.chain(&self.sets).map(|(period, set)| (*period, set))
+    }
+
+    /// The set of one period, if it is kept.
+    #[must_use]
+    pub fn set_in(&self, period: i64) -> Option<&KeptSet> {
+        self.sets.get(&period).or_else(|| self.reserve.get(&period))
     }
 
     /// The last period with a set.
@@ -218,7 +239,7 @@ impl NodeHistory {
         }
         self.sets.insert(period, set);
         while self.oldest_period().is_some_and(|oldest| oldest <= newest - window) {
-            self.sets.pop_first();
+            self.reserve.extend(self.sets.pop_first());
         }
         Offer::Kept(period)
     }
@@ -231,9 +252,23 @@ impl NodeHistory {
                 Entry::Occupied(_) => self.duplicate_count += 1,
             }
         }
+        let reserve = std::mem::take(&mut self.reserve).into_values();
+        self.reserve = reserve.map(|set| (grid.period(set.time), set)).collect();
+    }
+
+    /// Drops what is kept from before the window, save for these periods.
+    pub(super) fn keep_reserve(&mut self, kept: &BTreeSet<i64>) {
+        self.reserve.retain(|period, _| kept.contains(period));
+    }
+
+    /// Drops the sets of all periods before `first`.
+    pub(super) fn forget_before(&mut self, first: i64) {
+        self.reserve.retain(|period, _| first <= *period);
+        self.sets = self.sets.split_off(&first);
     }
 
     pub(super) fn forget_sets(&mut self) {
         self.sets.clear();
+        self.reserve.clear();
     }
 }

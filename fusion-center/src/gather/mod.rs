@@ -3,10 +3,12 @@
 //! Every set is placed by the time of its measurement, brought to the centre's clock, on a grid of
 //! periods whose phase follows the reference node's sets. What is kept is bounded by the
 //! configuration: a window of periods for each of a limited number of nodes. Every set is either
-//! kept or counted with a reason.
+//! kept or counted with a reason. Of what is older than the window a bounded number of periods stays
+//! in reserve, chosen so that places once seen stay known ([`Place`]).
 
 mod grid;
 mod history;
+mod reserve;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,10 +17,12 @@ use proto::ids::{BootId, NodeId};
 use proto::time::{CentreTime, ClockEstimate};
 use proto::wire::{PointSet, Received};
 
-pub use history::{KeptSet, Life, NodeHistory};
+pub use history::{KeptPoint, KeptSet, Life, NodeHistory};
+pub use reserve::Place;
 
 use crate::config::GatherConfig;
 use grid::{Grid, Placed, Speaker};
+use reserve::Reserve;
 
 /// How far ahead of its arrival a set may say it was measured: clocks of a site part by
 /// milliseconds, so this much is a broken clock, and believing it would let one node move the
@@ -81,6 +85,7 @@ pub struct Gather {
     centre_boot: BootId,
     grid: Grid,
     nodes: BTreeMap<NodeId, NodeHistory>,
+    reserve: Reserve,
     closed_through: Option<i64>,
 }
 
@@ -89,12 +94,27 @@ impl Gather {
     #[must_use]
     pub fn new(config: GatherConfig, reference: NodeId, centre_boot: BootId) -> Self {
         let grid = Grid::new(Duration::from_secs_f64(config.period_s));
-        Self { config, reference, centre_boot, grid, nodes: BTreeMap::new(), closed_through: None }
+        Self {
+            config,
+            reference,
+            centre_boot,
+            grid,
+            nodes: BTreeMap::new(),
+            reserve: Reserve::new(config.reserve_count),
+            closed_through: None,
+        }
     }
 
     /// Every node ever heard.
     pub fn nodes(&self) -> impl Iterator<Item = (&NodeId, &NodeHistory)> {
         self.nodes.iter()
+    }
+
+    /// Every node's set of one period.
+    pub fn sets_in(&self, period: i64) -> impl Iterator<Item = (&NodeId, &KeptSet)> {
+        self.nodes
+            .iter()
+            .filter_map(move |(node, history)| Some((node, history.sets().get(&period)?)))
     }
 
     /// One node's history.
@@ -169,7 +189,22 @@ impl Gather {
         }
         let period = self.grid.period(time);
         let kept = KeptSet::new(time, arrival, &set);
-        self.nodes.get_mut(node).map_or(Offer::TooManyNodes, |placed| placed.keep(period, kept))
+        let offer =
+            self.nodes.get_mut(node).map_or(Offer::TooManyNodes, |one| one.keep(period, kept));
+        self.reserve.thin(&mut self.nodes);
+        offer
+    }
+
+    /// Notes where a period's points lie, which decides whether it is worth keeping beyond the
+    /// window.
+    pub fn note_places(&mut self, period: i64, places: Vec<Place>) {
+        self.reserve.note(period, places);
+    }
+
+    /// The period that an instant belongs to.
+    #[must_use]
+    pub fn period_at(&self, time: CentreTime) -> i64 {
+        self.grid.period(time)
     }
 
     /// Whether the node's clock is known well enough to register with its sets.
@@ -227,6 +262,15 @@ impl Gather {
         if let Some(history) = self.nodes.get_mut(node) {
             history.forget_sets();
         }
+        self.reserve.forget(node);
+    }
+
+    /// Forgets the sets of a node from before period `first`.
+    pub fn forget_before(&mut self, node: &NodeId, first: i64) {
+        if let Some(history) = self.nodes.get_mut(node) {
+            history.forget_before(first);
+        }
+        self.reserve.forget_before(node, first);
     }
 }
 

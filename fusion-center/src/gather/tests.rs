@@ -208,3 +208,38 @@ fn the_half_depth_moves_points_outward_once() {
     let widened = set.points[0].with_half_depth_error(set.half_depth_sigma_m);
     assert!((widened.cov_m2[(1, 1)] - 0.02).abs() < 1e-12);
 }
+
+#[test]
+fn the_reserve_keeps_places_once_seen_and_is_bounded() {
+    let config = GatherConfig {
+        window_count: 10,
+        reserve_count: 4,
+        max_node_count: 3,
+        ..GatherConfig::default()
+    };
+    let mut gather = Gather::new(config, id("n1"), CENTRE);
+    // Cell 7 is seen in period 3 only, cell 8 by nobody else in period 5, all else in cell 1.
+    for k in 0..200 {
+        for node in ["n1", "n2"] {
+            assert_eq!(offer(&mut gather, node, k), Offer::Kept(k));
+        }
+        let (column, is_common) = match k {
+            3 => (7, true),
+            5 => (8, false),
+            _ => (1, true),
+        };
+        let place = |node: &str| Place { node: id(node), cell: (column, 0), is_common };
+        gather.note_places(k, vec![place("n1"), place("n2")]);
+        let kept = |node: &str| gather.node(&id(node)).unwrap().reserve().len();
+        assert!(kept("n1") <= 4 && kept("n2") <= 4);
+    }
+    let reserve = gather.node(&id("n2")).unwrap().reserve();
+    assert!(reserve.contains_key(&3), "{:?}", reserve.keys());
+    assert!(!reserve.contains_key(&5), "what nobody else saw tells nothing");
+    assert_eq!(gather.node(&id("n2")).unwrap().all_sets().count(), 14);
+    gather.forget_before(&id("n2"), 195);
+    assert_eq!(gather.node(&id("n2")).unwrap().all_sets().count(), 5);
+    gather.forget(&id("n2"));
+    assert_eq!(gather.node(&id("n2")).unwrap().all_sets().count(), 0);
+    assert_eq!(gather.node(&id("n1")).unwrap().all_sets().count(), 14, "nobody else forgets");
+}

@@ -1,18 +1,29 @@
-//! READ FIRST: the centre as a pure state machine: gather, register, fuse, publish.
+//! READ FIRST: the centre as a pure state machine: gather, register, watch, fuse, publish.
 //!
 //! ```text
 //! delivery ── decode, check ── gather ──┬── pair of nodes has a common period ── Solve ──┐
 //!    (refused: counted, named)          │                                                │
-//!                                       └── period complete ── fuse ── publish picture   │
-//!                 publish transform ── accept or keep the old one ── Solved ─────────────┘
+//!                                       ├── period complete ── fuse ── publish picture   │
+//!                                       └── period complete ── monitor: who moved?       │
+//!                          Combine ── pair's pose accepted, or the old one kept ── Solved
+//!                             │
+//!     publish transforms ── accept or keep the old ones ── Combined
 //! ```
 //! It reads no clock and does no work of its own accord: [`Centre::step`] takes the time and one
 //! event and returns what is to be done. The same events give the same effects, byte for byte.
 
+mod belief;
 mod inbox;
+mod monitor;
+mod network;
+mod operator;
 mod outbox;
+mod outcomes;
+mod pairs;
 mod poses;
+mod saved;
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -22,20 +33,29 @@ use proto::keys::{Keys, Topic};
 use proto::refusals::Refusals;
 use proto::time::CentreTime;
 use proto::wire::{
-    ClockAnswer, ClockProbe, Command, Message, NodeStatus, Picture, PointSet, Received, Stamp,
+    ClockAnswer, ClockProbe, Message, NodeStatus, Picture, PointSet, Received, Stamp, Suspicion,
 };
-use tracing::{info, warn};
+use tracing::{error, info, warn};
 
-pub use poses::{Job, Poses, Solved};
+pub use network::{Combination, Combined};
+pub use pairs::{Job, Pair, Solved};
+pub use saved::UnusableState;
 
 use crate::config::CentreConfig;
 use crate::fuse::{Sighting, fuse, place};
-use crate::gather::{Gather, Life, Offer};
+use crate::gather::{Gather, KeptPoint, KeptSet, Life, Offer, Place};
 use inbox::Inbound;
+use monitor::{Monitor, Moved, Site};
+use network::Network;
 use outbox::Outbox;
+use pairs::Pairs;
+use poses::Poses;
 
 /// The picture is published at least this often, so that silence shows.
 const PICTURE_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Least time between two writings of the state.
+const SAVE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Most points that one picture is made of; joining them costs the square of this.
 const MAX_SIGHTING_COUNT: usize = 512;
@@ -48,7 +68,11 @@ pub enum Event {
     /// A registration asked for by [`Effect::Solve`] is done.
     Solved(Box<Solved>),
     /// A registration asked for came to nothing: the solver broke.
-    SolveFailed(NodeId),
+    SolveFailed(Pair),
+    /// A combination asked for by [`Effect::Combine`] is done.
+    Combined(Box<Combined>),
+    /// A combination asked for came to nothing: it broke.
+    CombineFailed,
     /// Time has passed.
     Tick,
 }
@@ -60,6 +84,10 @@ pub enum Effect {
     Publish(Topic, Vec<u8>),
     /// Solve this and report with [`Event::Solved`].
     Solve(Box<Job>),
+    /// Combine this and report with [`Event::Combined`].
+    Combine(Box<Combination>),
+    /// Keep this text for the next life of the centre.
+    Save(String),
 }
 
 /// The centre's state.
@@ -67,9 +95,16 @@ pub struct Centre {
     config: Arc<CentreConfig>,
     keys: Keys,
     gather: Gather,
+    pairs: Pairs,
+    network: Network,
     poses: Poses,
+    monitor: Monitor,
     refusals: Refusals,
     outbox: Outbox,
+    /// Nodes of whom there is news to publish.
+    told: BTreeSet<NodeId>,
+    is_saved: bool,
+    last_saved: Option<CentreTime>,
     last_picture: Option<Picture>,
     last_picture_sent: Option<CentreTime>,
 }
@@ -81,13 +116,39 @@ impl Centre {
         Self {
             keys: Keys::new(config.site.clone()),
             gather: Gather::new(config.gather, config.reference.clone(), boot),
+            pairs: Pairs::new(config.reference.clone(), config.work),
+            network: Network::new(),
             poses: Poses::new(config.reference.clone()),
+            monitor: Monitor::new(config.monitor),
             refusals: Refusals::default(),
             outbox: Outbox::new(boot),
+            told: BTreeSet::new(),
+            is_saved: true,
+            last_saved: None,
             last_picture: None,
             last_picture_sent: None,
             config,
         }
+    }
+
+    /// Goes on from what a former life of the centre has saved.
+    ///
+    /// # Errors
+    /// If the text is damaged, or of another installation.
+    pub fn restore(&mut self, text: &str) -> Result<(), UnusableState> {
+        let standings = saved::read(&self.config, text)?;
+        self.told.extend(standings.keys().cloned());
+        info!(node_count = standings.len(), "transforms of a former life are in force");
+        self.poses.restore(standings);
+        self.network.is_stale = true;
+        Ok(())
+    }
+
+    /// What the next life of the centre should know.
+    #[must_use]
+    pub fn state(&self) -> Option<String> {
+        let written = saved::written(&self.config, self.poses.standings());
+        written.inspect_err(|failure| error!(%failure, "the state cannot be written")).ok()
     }
 
     /// Messages refused so far, by key and reason.
@@ -100,13 +161,48 @@ impl Centre {
     pub fn step(&mut self, now: CentreTime, event: Event) -> Vec<Effect> {
         match event {
             Event::Delivered(delivery, arrived) => self.on_delivery(now, arrived, &delivery),
-            Event::Solved(solved) => self.on_solved(now, &solved),
-            Event::SolveFailed(node) => self.poses.give_up(&node),
+            Event::Solved(solved) => self.on_solved(&solved),
+            Event::SolveFailed(pair) => self.pairs.give_up(&pair),
+            Event::Combined(combined) => self.on_combined(now, &combined),
+            Event::CombineFailed => self.network.give_up(),
             Event::Tick => {}
         }
         self.close_periods(now);
         self.refresh_picture(now);
+        self.work(now);
         self.outbox.take()
+    }
+
+    /// Starts what is due and says what is new.
+    fn work(&mut self, now: CentreTime) {
+        for job in self.pairs.start(now, &self.gather) {
+            self.outbox.push(Effect::Solve(Box::new(job)));
+        }
+        if self.network.is_due(now) {
+            let combination = self.combination();
+            self.outbox.push(Effect::Combine(Box::new(combination)));
+        }
+        // What is told of a pose that is about to change would be old at once.
+        if !self.network.is_in_flight() {
+            let told: Vec<NodeId> = std::mem::take(&mut self.told).into_iter().collect();
+            self.publish_transforms(now, &told);
+        }
+        let is_due = self.last_saved.is_none_or(|saved| SAVE_INTERVAL <= now.since(saved));
+        if !self.is_saved && is_due && !self.config.state.path.is_empty() {
+            (self.is_saved, self.last_saved) = (true, Some(now));
+            self.outbox.extend(self.state().map(Effect::Save));
+        }
+    }
+
+    fn combination(&mut self) -> Combination {
+        let mut edges = self.pairs.edges();
+        for pin in self.poses.pins() {
+            edges.retain(|edge| (&edge.first, &edge.second) != (&pin.first, &pin.second));
+            edges.push(pin);
+        }
+        let reference = self.config.reference.clone();
+        let nodes = self.gather.nodes().map(|(node, _)| node.clone()).collect();
+        Combination { reference, nodes, edges, generation: self.network.start() }
     }
 
     fn on_delivery(&mut self, now: CentreTime, arrived: CentreTime, delivery: &Delivery) {
@@ -114,7 +210,7 @@ impl Centre {
             Ok(Inbound::Points(set)) => self.on_points(now, arrived, set),
             Ok(Inbound::Status(status)) => self.on_status(now, &status),
             Ok(Inbound::Probe(probe)) => self.on_probe(arrived, &probe),
-            Ok(Inbound::Command(command)) => self.on_command(now, &command.body),
+            Ok(Inbound::Command(command)) => self.on_command(now, &command),
             Ok(Inbound::Life { node, alive }) => info!(%node, alive, "liveliness"),
             Ok(Inbound::Nothing) => {}
             Err(refused) => {
@@ -138,7 +234,7 @@ impl Centre {
                 self.refusals.count(&key, unused.label(), unused.reason());
             }
         }
-        self.register(&node, &periods);
+        self.pairs.note(&self.gather, &node, &periods);
         self.complete_pictures(now, &periods);
     }
 
@@ -148,9 +244,15 @@ impl Centre {
         if history.hear(now, status.stamp.boot) == Life::Former {
             return;
         }
+        if let Some(held) = status.body.transform_epoch
+            && self.poses.hear_epoch(node, held)
+        {
+            self.is_saved = false;
+            self.told.insert(node.clone());
+        }
         if let Some(clock) = status.body.clock {
             let periods = self.gather.learn_clock(node, clock);
-            self.register(node, &periods);
+            self.pairs.note(&self.gather, node, &periods);
             self.complete_pictures(now, &periods);
         }
     }
@@ -161,46 +263,37 @@ impl Centre {
         self.outbox.publish(arrived, Topic::ClockAnswer(node), &answer);
     }
 
-    fn on_command(&mut self, now: CentreTime, command: &Command) {
-        info!(?command, "operator");
-        let Command::Recalibrate { node } = command;
-        if let Some(unknown) = node.as_ref().filter(|node| self.gather.node(node).is_none()) {
-            let known: Vec<String> = self.gather.nodes().map(|(id, _)| id.to_string()).collect();
-            warn!(node = %unknown, ?known, "recalibrate: no such node");
+    fn on_solved(&mut self, solved: &Solved) {
+        if self.pairs.take(solved) {
+            self.network.is_stale = true;
         }
-        let named: Vec<NodeId> = match node {
-            Some(one) => vec![one.clone()],
-            None => self.gather.nodes().map(|(each, _)| each.clone()).collect(),
-        };
-        for each in &named {
-            self.gather.forget(each);
-            self.poses.doubt(each);
-        }
-        self.publish_transforms(now, &named);
-    }
-
-    /// Asks for new solutions where the periods that came made a pair of nodes more complete.
-    fn register(&mut self, node: &NodeId, periods: &[i64]) {
-        for job in self.poses.jobs(&self.gather, node, periods) {
-            self.outbox.solve(job);
+        let Pair { first, second } = &solved.job.pair;
+        for node in [first, second].into_iter().filter(|node| **node != self.config.reference) {
+            self.poses.note(node);
+            self.told.insert(node.clone());
         }
     }
 
-    fn on_solved(&mut self, now: CentreTime, solved: &Solved) {
-        let known_before = self.poses.transform(&solved.job.node).is_some();
-        self.poses.take(now, solved);
-        if !known_before && let Some(transform) = self.poses.transform(&solved.job.node) {
-            info!(node = %solved.job.node, pose = ?transform.pose_ref_from_node, "registered");
+    fn on_combined(&mut self, now: CentreTime, combined: &Combined) {
+        if !self.network.end(now, combined) {
+            return;
         }
-        self.publish_transforms(now, std::slice::from_ref(&solved.job.node));
-        if let Some(job) = self.poses.next_job(&self.gather, &solved.job.node) {
-            self.outbox.solve(job);
-        }
+        let news = self.poses.take(now, &combined.groups, &self.pairs);
+        self.is_saved &= news.is_empty();
+        self.told.extend(news);
+    }
+
+    /// What was found with a node's earlier sets is not believed any longer.
+    fn start_over(&mut self, node: &NodeId) {
+        self.pairs.doubt(node);
+        self.poses.doubt(node);
+        self.monitor.forget(node);
+        self.network.start_over();
     }
 
     fn publish_transforms(&mut self, now: CentreTime, nodes: &[NodeId]) {
         for node in nodes {
-            if let Some(registration) = self.poses.registration(now, node) {
+            if let Some(registration) = self.poses.registration(now, node, &self.pairs) {
                 self.outbox.publish(now, Topic::Transform(node.clone()), &registration);
             }
         }
@@ -211,7 +304,86 @@ impl Centre {
         while let Some(period) = self.gather.close_next(now) {
             let picture = self.picture(period);
             self.send_picture(now, picture);
+            self.note_places(period);
+            self.watch(now, period);
         }
+    }
+
+    /// Looks whether a node was moved; what was seen before it was is forgotten.
+    fn watch(&mut self, now: CentreTime, period: i64) {
+        let mut placements = self.poses.placements();
+        placements.retain(|node, _| {
+            let history = self.gather.node(node);
+            history.is_some_and(|history| self.gather.is_heard(now, history))
+        });
+        let site = Site { gather: &self.gather, reference: &self.config.reference, placements };
+        let Some(moved) = self.monitor.look(&site, period) else { return };
+        let Moved { node, began, correction, chi_square } = moved;
+        let suspicion = Suspicion {
+            moved: node.clone(),
+            began: self.gather.middle(began),
+            shift_x_m: correction.x,
+            shift_y_m: correction.y,
+            turn_rad: correction.z,
+            chi_square,
+        };
+        warn!(%node, ?suspicion, "seems to have been moved: registering anew");
+        self.gather.forget_before(&node, began);
+        self.start_over(&node);
+        let suspects = self.poses.suspect(&node, &suspicion);
+        for suspect in &suspects {
+            self.poses.doubt(suspect);
+            self.monitor.forget(suspect);
+        }
+        // At once: the data after the move may register it anew within this very step.
+        self.publish_transforms(now, &suspects);
+        if let Some(picture) = self.last_picture.clone() {
+            self.send_picture(now, picture);
+        }
+    }
+
+    /// Notes where the points of a closed period lie, those of registered nodes only where another
+    /// node saw the same.
+    fn note_places(&mut self, period: i64) {
+        let sighted = |node: &NodeId| self.poses.pose(node).is_some();
+        let cell = |point: &KeptPoint| {
+            #[expect(clippy::cast_possible_truncation, reason = "messages bound coordinates")]
+            let index = |value_m: f64| (value_m / self.config.gather.place_m).floor() as i64;
+            (index(point.position.mean.x_m()), index(point.position.mean.y_m()))
+        };
+        let sets: Vec<(&NodeId, &KeptSet)> = self.gather.sets_in(period).collect();
+        let mut places = Vec::new();
+        for (node, set) in sets.iter().filter(|(_, set)| 1 < sets.len() && !set.points.is_empty()) {
+            let is_registered = sighted(node);
+            for point in &set.points {
+                let is_common = is_registered && self.is_common((node, point), &sets);
+                let place = Place { node: (*node).clone(), cell: cell(point), is_common };
+                places.push(place);
+            }
+        }
+        self.gather.note_places(period, places);
+    }
+
+    /// Whether another node's point of the same period lies where this one does.
+    fn is_common(
+        &self,
+        (node, point): (&NodeId, &KeptPoint),
+        sets: &[(&NodeId, &KeptSet)],
+    ) -> bool {
+        let placed = |of: &NodeId, seen: &KeptPoint, sigma_m: f64| {
+            let (pose, covariance) = self.poses.pose(of)?;
+            Some(place(pose, &covariance, seen.with_half_depth_error(sigma_m)))
+        };
+        let Some(own) = placed(node, point, 0.0) else { return false };
+        let gate = self.config.fuse.gate();
+        let mut others = sets.iter().filter(|(other, _)| *other != node);
+        others.any(|(other, set)| {
+            let meets = |partner: &KeptPoint| {
+                let at = placed(other, partner, set.half_depth_sigma_m)?;
+                Some(crate::fuse::distance(&own, &at)? <= gate)
+            };
+            set.points.iter().any(|partner| meets(partner).unwrap_or(false))
+        })
     }
 
     /// Sets that came after their period was closed belong into its picture all the same.
@@ -252,7 +424,7 @@ impl Centre {
     }
 
     fn send_picture(&mut self, now: CentreTime, mut picture: Picture) {
-        picture.nodes = poses::node_lines(now, &self.gather, &self.poses);
+        picture.nodes = outcomes::node_lines(now, &self.gather, &self.poses);
         self.outbox.publish(now, Topic::Picture, &picture);
         if self.last_picture.as_ref().is_none_or(|last| last.period <= picture.period) {
             self.last_picture_sent = Some(now);
@@ -288,5 +460,7 @@ fn stamp(boot: BootId, sequence: u64, now: CentreTime) -> Stamp {
     Stamp { boot, sequence, sent_ns: u64::try_from(now.0).unwrap_or(0) }
 }
 
+#[cfg(test)]
+mod moved_tests;
 #[cfg(test)]
 mod tests;

@@ -8,7 +8,7 @@ use proto::time::CentreTime;
 use proto::wire::{Kind, encode};
 use tracing::error;
 
-use super::{Effect, Job, Message, stamp};
+use super::{Effect, Message, stamp};
 
 #[derive(Debug)]
 pub(super) struct Outbox {
@@ -33,8 +33,12 @@ impl Outbox {
         }
     }
 
-    pub(super) fn solve(&mut self, job: Job) {
-        self.effects.push(Effect::Solve(Box::new(job)));
+    pub(super) fn push(&mut self, effect: Effect) {
+        self.effects.push(effect);
+    }
+
+    pub(super) fn extend(&mut self, effects: impl IntoIterator<Item = Effect>) {
+        self.effects.extend(effects);
     }
 
     pub(super) fn take(&mut self) -> Vec<Effect> {

@@ -1,79 +1,117 @@
-//! Every node's transform: what to solve next, and whether to believe what came out.
+//! Every node's transform: which is in force, whether it is doubted, and who may replace it.
 
-use std::collections::BTreeMap;
-use std::time::Duration;
+use std::collections::{BTreeMap, VecDeque};
 
 use nalgebra::{Matrix3, Vector3};
-use proto::geom::{Node, Point, Ref, Se2, wrap_angle};
+use proto::geom::{Node, Ref, Se2};
 use proto::ids::NodeId;
 use proto::time::CentreTime;
-use proto::wire::{
-    Evidence, NodeInPicture, NodeState, Outcome, PoseRecord, Registration, Rival, SetsUsed,
-    Transform,
-};
-use tracing::warn;
+use proto::wire::{Evidence, Outcome, PoseRecord, Registration, StatedPose, Suspicion, Transform};
+use tracing::{info, warn};
 
-use crate::gather::{Gather, KeptSet, NodeHistory};
-use crate::registration::{self, Known, Period, PoseEstimate, Problem, Solution};
+use super::belief::{Belief, Judgement};
+use super::monitor::Placement;
+use super::pairs::Pairs;
+use crate::network::{Edge, Group, Placed};
+use crate::registration::{self, Known, PoseEstimate, Solution};
 
-/// A new pose within this many standard deviations (squared, three dimensions) of the old one
-/// refines it; chance exceeds it once in ten thousand.
-const REFINEMENT_GATE: f64 = 21.1;
-/// A pose whose covariance has this many times the determinant of another's is much vaguer: one and
-/// a half times the standard deviation in each of three dimensions.
-const VAGUER: f64 = 11.4;
-/// Most rival poses that are published.
-const MAX_RIVAL_COUNT: usize = 8;
+/// Transforms kept beside the one in force, to go back to.
+const HISTORY_COUNT: usize = 4;
+/// Agents cannot raise an epoch beyond this: nobody ever counts so far.
+const MAX_EPOCH: u64 = 1 << 53;
+/// Fresh data confirm a doubted pose if it lies within them by chance of all but one in a hundred,
+/// and the suspected one explains them worse by a factor of e^4.5.
+const CONFIRMATION_GATE: f64 = 11.3;
+const CONFIRMATION_LEAD: f64 = 9.0;
 
-/// One node's registration problem, ready to be solved.
-#[derive(Clone, Debug)]
-pub struct Job {
-    /// Which node.
-    pub node: NodeId,
-    /// What is to be solved.
-    pub problem: Problem,
-    /// Which sets went in.
-    pub sets: SetsUsed,
-    /// What the node's last solve found, to go on from.
-    pub known: Option<Known>,
-    /// The node's generation when the job was made.
-    generation: u64,
-}
-
-/// A solved [`Job`].
-#[derive(Clone, Debug)]
-pub struct Solved {
-    /// The problem.
-    pub job: Job,
-    /// The solver's answer.
-    pub solution: Solution,
-    /// Name of the solver.
-    pub solver: &'static str,
-    /// How long it took.
-    pub solve_time: Duration,
+/// A transform and the odds that it rests on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Kept {
+    pub(super) transform: Transform,
+    pub(super) log_odds: f64,
 }
 
 /// One node's standing.
-#[derive(Debug, Default)]
-struct Standing {
-    transform: Option<Transform>,
-    /// Evidence for the transform when it was last confirmed.
-    transform_log_odds: f64,
-    newest: Option<(Outcome, Evidence, SetsUsed, &'static str)>,
-    known: Option<Known>,
-    /// Counts the operator's wishes to start over: solutions of earlier data are not believed.
-    generation: u64,
-    contradiction_count: u64,
-    next_epoch: u64,
-    in_flight: bool,
-    is_due: bool,
+#[derive(Clone, Debug, Default)]
+pub(super) struct Standing {
+    pub(super) in_force: Option<Kept>,
+    /// Earlier ones that differ by more than their uncertainty, the newest last.
+    pub(super) history: VecDeque<Kept>,
+    pub(super) next_epoch: u64,
+    pub(super) is_pinned: bool,
+    suspicion: Option<Suspicion>,
+    /// The nodes through which the newest combination reached it, the reference first.
+    via: Vec<NodeId>,
+    /// The others of its group, where the reference is not among them.
+    detached: Vec<NodeId>,
+}
+
+/// What fresh data say about a doubted pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fresh {
+    /// They contradict it, or know better in any case.
+    Replace,
+    /// They are vaguer, but speak for it and against the suspected one.
+    Confirm,
+    /// They are vaguer and fit both.
+    Undecided,
 }
 
 /// The poses of all nodes.
 #[derive(Debug)]
-pub struct Poses {
+pub(super) struct Poses {
     reference: NodeId,
     standings: BTreeMap<NodeId, Standing>,
+}
+
+impl Kept {
+    fn belief(&self) -> Belief {
+        Belief {
+            pose: self.transform.pose_ref_from_node.into(),
+            covariance: self.transform.covariance_matrix(),
+            log_odds: self.log_odds,
+        }
+    }
+}
+
+impl Standing {
+    /// Puts a pose in force, under the next epoch.
+    fn enforce(&mut self, now: CentreTime, new: &Belief) {
+        let accepted = now;
+        let covariance =
+            std::array::from_fn(|row| std::array::from_fn(|column| new.covariance[(row, column)]));
+        let pose_ref_from_node = PoseRecord::from(new.pose);
+        let epoch = self.next_epoch;
+        let transform = Transform { epoch, accepted, pose_ref_from_node, covariance };
+        let log_odds = new.log_odds;
+        if let Some(old) = self.in_force.replace(Kept { transform, log_odds })
+            && !old.belief().is_refined_by(new)
+        {
+            self.history.push_back(old);
+            while HISTORY_COUNT < self.history.len() {
+                self.history.pop_front();
+            }
+        }
+        self.next_epoch = self.next_epoch.saturating_add(1);
+    }
+
+    /// What fresh data say about a doubted pose.
+    fn weigh(&self, old: &Belief, new: &Belief) -> Fresh {
+        let Some(suspicion) = &self.suspicion else { return Fresh::Replace };
+        let Suspicion { shift_x_m, shift_y_m, turn_rad, .. } = *suspicion;
+        let at_m = old.pose.translation_m();
+        let heading_rad = old.pose.heading_rad() + turn_rad;
+        let suspected = Se2::new(at_m.x + shift_x_m, at_m.y + shift_y_m, heading_rad);
+        let to_old = new.distance(&old.pose, &old.covariance);
+        let to_suspected = new.distance(&suspected, &old.covariance);
+        if CONFIRMATION_GATE < to_old || !old.is_clearer_than(new) {
+            Fresh::Replace
+        } else if to_old + CONFIRMATION_LEAD <= to_suspected {
+            Fresh::Confirm
+        } else {
+            Fresh::Undecided
+        }
+    }
 }
 
 impl Poses {
@@ -81,347 +119,311 @@ impl Poses {
         Self { reference, standings: BTreeMap::new() }
     }
 
+    /// What a former life of the centre knew.
+    pub(super) fn restore(&mut self, standings: BTreeMap<NodeId, Standing>) {
+        self.standings = standings;
+    }
+
+    pub(super) fn standings(&self) -> &BTreeMap<NodeId, Standing> {
+        &self.standings
+    }
+
     /// The transform in force.
-    #[must_use]
-    pub fn transform(&self, node: &NodeId) -> Option<&Transform> {
-        self.standings.get(node)?.transform.as_ref()
+    pub(super) fn transform(&self, node: &NodeId) -> Option<&Transform> {
+        self.standings.get(node)?.in_force.as_ref().map(|kept| &kept.transform)
     }
 
     /// The pose in force and its covariance.
-    #[must_use]
-    pub fn pose(&self, node: &NodeId) -> Option<(Se2<Ref, Node>, Matrix3<f64>)> {
+    pub(super) fn pose(&self, node: &NodeId) -> Option<(Se2<Ref, Node>, Matrix3<f64>)> {
         let transform = self.transform(node)?;
         Some((transform.pose_ref_from_node.into(), transform.covariance_matrix()))
+    }
+
+    pub(super) fn suspicion(&self, node: &NodeId) -> Option<&Suspicion> {
+        self.standings.get(node)?.suspicion.as_ref()
+    }
+
+    pub(super) fn is_pinned(&self, node: &NodeId) -> bool {
+        self.standings.get(node).is_some_and(|standing| standing.is_pinned)
+    }
+
+    /// The nodes that have a pose nobody doubts.
+    pub(super) fn placements(&self) -> BTreeMap<NodeId, Placement> {
+        let undoubted = self.standings.iter().filter(|(_, one)| one.suspicion.is_none());
+        let placement = |(node, _): (&NodeId, &Standing)| {
+            let (pose, covariance) = self.pose(node)?;
+            Some((node.clone(), Placement { pose, covariance }))
+        };
+        undoubted.filter_map(placement).collect()
     }
 
     /// The reference node defines `Ref`: its transform is the identity, exactly. True if that is
     /// news.
     pub(super) fn announce_reference(&mut self, now: CentreTime) -> bool {
         let standing = self.standings.entry(self.reference.clone()).or_default();
-        if standing.transform.is_some() {
+        if standing.in_force.is_some() {
             return false;
         }
-        let pose_ref_from_node = PoseRecord::from(Se2::identity());
-        let covariance = [[0.0; 3]; 3];
-        standing.transform =
-            Some(Transform { epoch: 0, accepted: now, pose_ref_from_node, covariance });
+        let (pose, covariance) = (Se2::identity(), Matrix3::zeros());
+        standing.enforce(now, &Belief { pose, covariance, log_odds: f64::INFINITY });
         true
     }
 
-    /// What to solve now that `node` has sets in `periods`: each pair with the reference node that
-    /// this completed. A node whose last job is still being solved is solved again afterwards.
-    pub(super) fn jobs(&mut self, gather: &Gather, node: &NodeId, periods: &[i64]) -> Vec<Job> {
-        let has_any = |one: &NodeId| {
-            let sets = gather.node(one).map(NodeHistory::sets);
-            sets.is_some_and(|sets| periods.iter().any(|period| sets.contains_key(period)))
-        };
-        let others: Vec<NodeId> = if *node == self.reference {
-            gather.nodes().map(|(other, _)| other.clone()).filter(|other| other != node).collect()
-        } else if has_any(&self.reference) {
-            vec![node.clone()]
-        } else {
-            Vec::new()
-        };
-        let mut jobs = Vec::new();
-        for other in others.iter().filter(|other| has_any(other)) {
-            self.standings.entry(other.clone()).or_default().is_due = true;
-            jobs.extend(self.start(gather, other));
+    /// Takes the poses of all groups in; returns the nodes of whom there is news.
+    pub(super) fn take<'a>(
+        &mut self,
+        now: CentreTime,
+        groups: &'a [Group],
+        pairs: &Pairs,
+    ) -> Vec<NodeId> {
+        let reference = self.reference.clone();
+        let members = |group: &'a Group| group.nodes.iter().map(move |entry| (group, entry));
+        let all = groups.iter().flat_map(members);
+        let mut news = Vec::new();
+        for (group, (node, placed)) in all.filter(|(_, (node, _))| **node != reference) {
+            let has_regrouped = self.regroup(node, placed, group);
+            let is_attached = group.gauge == reference;
+            if (is_attached && self.propose(now, node, placed, pairs)) || has_regrouped {
+                news.push(node.clone());
+            }
         }
-        jobs
+        news
     }
 
-    /// The job that became due while the last one was being solved.
-    pub(super) fn next_job(&mut self, gather: &Gather, node: &NodeId) -> Option<Job> {
-        self.start(gather, node)
+    /// Notes with whom a node hangs together. True if that is news.
+    fn regroup(&mut self, node: &NodeId, placed: &Placed, group: &Group) -> bool {
+        let standing = self.standings.entry(node.clone()).or_default();
+        let (mut via, mut detached) = (placed.via.clone(), Vec::new());
+        if group.gauge != self.reference {
+            via.clear();
+            detached.extend(group.nodes.keys().filter(|other| *other != node).cloned());
+        }
+        standing.via = via;
+        let has_changed = standing.detached != detached;
+        standing.detached = detached;
+        if has_changed && !standing.detached.is_empty() {
+            info!(%node, with = ?standing.detached, "hangs together with others only");
+        }
+        has_changed
     }
 
-    fn start(&mut self, gather: &Gather, node: &NodeId) -> Option<Job> {
-        let standing = self.standings.get_mut(node)?;
-        if standing.in_flight || !standing.is_due {
-            return None;
+    /// True if the transform in force or its standing is another now.
+    fn propose(&mut self, now: CentreTime, node: &NodeId, placed: &Placed, pairs: &Pairs) -> bool {
+        let Some(standing) = self.standings.get_mut(node) else { return false };
+        if standing.is_pinned {
+            return false;
         }
-        standing.is_due = false;
-        let (known, generation) = (standing.known.clone(), standing.generation);
-        let job = Job { known, generation, ..job(gather, &self.reference, node)? };
-        standing.in_flight = true;
-        Some(job)
-    }
-
-    /// Takes a solution in: a determined pose is believed unless it contradicts one that rests on
-    /// more.
-    pub(super) fn take(&mut self, now: CentreTime, solved: &Solved) {
-        let standing = self.standings.entry(solved.job.node.clone()).or_default();
-        standing.in_flight = false;
-        if solved.job.generation != standing.generation {
-            return;
+        let PoseEstimate { pose_ref_from_node: pose, covariance } = placed.estimate;
+        let new = Belief { pose, covariance, log_odds: pairs.log_odds(&placed.via) };
+        let fresh = standing.in_force.map(|kept| standing.weigh(&kept.belief(), &new));
+        let because_of = standing.suspicion.as_ref().map(|why| why.moved.clone());
+        match (standing.in_force, fresh) {
+            (Some(kept), _) if because_of.is_none() => {
+                let old = kept.belief();
+                if old.is_same_as(&new) || old.judge(&new) != Judgement::Accept {
+                    return false;
+                }
+                standing.enforce(now, &new);
+            }
+            (Some(_), Some(Fresh::Undecided)) => return false,
+            (Some(kept), Some(Fresh::Confirm)) => {
+                info!(%node, "fresh data confirm the pose: suspicion ends");
+                standing.in_force = Some(Kept { log_odds: new.log_odds, ..kept });
+            }
+            _ => {
+                standing.enforce(now, &new);
+                info!(%node, pose = ?new.pose, epoch = standing.next_epoch - 1, "registered");
+            }
         }
-        let evidence = evidence(&solved.solution.evidence, solved.solve_time);
-        let outcome = outcome(&solved.solution.outcome);
-        standing.newest = Some((outcome, evidence, solved.job.sets, solved.solver));
-        standing.known = Some(solved.solution.known.clone());
-        let Some(estimate) = &solved.solution.estimate else { return };
-        if solved.solution.outcome != registration::Outcome::Determined {
-            return;
-        }
-        if let Some(old) = standing.transform
-            && evidence.log_odds <= standing.transform_log_odds
+        standing.suspicion = None;
+        // With the first pose from fresh data of the reference, `Ref` is sound again.
+        if because_of.as_ref() == Some(&self.reference)
+            && let Some(of_reference) = self.standings.get_mut(&self.reference)
         {
-            if !refines(&old, estimate) {
-                standing.count_contradiction(&solved.job.node, estimate);
-                return;
-            }
-            if is_much_vaguer(&old, estimate) {
-                return;
-            }
+            of_reference.suspicion = None;
         }
-        standing.transform = Some(transform(standing.next_epoch, now, estimate));
-        standing.transform_log_odds = evidence.log_odds;
-        standing.next_epoch += 1;
+        true
+    }
+
+    /// Notes that a node seems to have moved. Returns who is suspect because of it: everybody, if
+    /// it is the reference.
+    pub(super) fn suspect(&mut self, node: &NodeId, why: &Suspicion) -> Vec<NodeId> {
+        let is_reference = *node == self.reference;
+        let is_meant = |(other, standing): &(&NodeId, &mut Standing)| {
+            (is_reference || *other == node) && standing.in_force.is_some()
+        };
+        let mut suspects = Vec::new();
+        for (other, standing) in self.standings.iter_mut().filter(is_meant) {
+            let own = if other == node {
+                why.clone()
+            } else {
+                // Who did not move needs the opposite of the reference's correction.
+                let seen = opposite(why, standing.in_force.as_ref());
+                Suspicion { shift_x_m: seen.x, shift_y_m: seen.y, turn_rad: seen.z, ..why.clone() }
+            };
+            standing.suspicion = Some(own);
+            suspects.push(other.clone());
+        }
+        suspects
     }
 
     /// The transform stays in force, but any determined pose may replace it.
     pub(super) fn doubt(&mut self, node: &NodeId) {
-        if let Some(standing) = self.standings.get_mut(node) {
-            standing.transform_log_odds = f64::NEG_INFINITY;
-            standing.known = None;
-            standing.generation += 1;
+        let standing = self.standings.get_mut(node).filter(|_| *node != self.reference);
+        if let Some(kept) = standing.and_then(|standing| standing.in_force.as_mut()) {
+            kept.log_odds = f64::NEG_INFINITY;
         }
     }
 
-    /// A solve that broke will not report: the node may be solved again.
-    pub(super) fn give_up(&mut self, node: &NodeId) {
-        if let Some(standing) = self.standings.get_mut(node) {
-            standing.in_flight = false;
-            standing.known = None;
+    /// The solutions that stand for pinned poses.
+    pub(super) fn pins(&self) -> Vec<Edge> {
+        let pinned = self.standings.iter().filter(|(_, standing)| standing.is_pinned);
+        let edge = |(node, standing): (&NodeId, &Standing)| {
+            let belief = standing.in_force.as_ref()?.belief();
+            let pose_ref_from_node = belief.pose;
+            let estimate = PoseEstimate { pose_ref_from_node, covariance: belief.covariance };
+            let solution = Solution {
+                estimate: Some(estimate),
+                outcome: registration::Outcome::Determined,
+                evidence: registration::Evidence::default(),
+                known: Known::default(),
+            };
+            Some(Edge { first: self.reference.clone(), second: node.clone(), solution })
+        };
+        pinned.filter_map(edge).collect()
+    }
+
+    /// Pins a node, or says why not.
+    pub(super) fn pin(
+        &mut self,
+        now: CentreTime,
+        node: &NodeId,
+        stated: Option<&StatedPose>,
+    ) -> Result<String, String> {
+        if *node == self.reference {
+            return Err(format!("{node} is the reference: its pose defines the common frame"));
         }
+        let standing = self.standings.entry(node.clone()).or_default();
+        if let Some(StatedPose { pose_ref_from_node, sigma_m, sigma_rad }) = stated {
+            let sigmas = Vector3::new(*sigma_m, *sigma_m, *sigma_rad);
+            let covariance = Matrix3::from_diagonal(&sigmas.map(|sigma| sigma * sigma));
+            let pose = (*pose_ref_from_node).into();
+            standing.enforce(now, &Belief { pose, covariance, log_odds: f64::INFINITY });
+            standing.suspicion = None;
+        }
+        let Some(kept) = &standing.in_force else {
+            return Err(format!(
+                "{node} has no transform yet: state one with --x-m, --y-m, --heading-deg"
+            ));
+        };
+        standing.is_pinned = true;
+        Ok(format!("{node} keeps its transform of epoch {} until unpin", kept.transform.epoch))
+    }
+
+    /// Lets results replace a node's transform again, or says why not.
+    pub(super) fn unpin(&mut self, node: &NodeId) -> Result<String, String> {
+        let standing = self.standings.get_mut(node).filter(|standing| standing.is_pinned);
+        let Some(standing) = standing else { return Err(format!("{node} is not pinned")) };
+        standing.is_pinned = false;
+        standing.suspicion = None;
+        self.doubt(node);
+        Ok(format!("{node} follows the results again"))
+    }
+
+    /// Puts a node's transform of before in force again and pins it, or says why not.
+    pub(super) fn rollback(&mut self, now: CentreTime, node: &NodeId) -> Result<String, String> {
+        let Some(standing) = self.standings.get_mut(node) else {
+            return Err(format!("{node} has no transform"));
+        };
+        let Some(earlier) = standing.history.pop_back() else {
+            return Err(format!(
+                "{node} has no earlier transform that differs by more than its uncertainty"
+            ));
+        };
+        let replaced = standing.in_force;
+        standing.enforce(now, &earlier.belief());
+        // What was rolled back is not what to go back to.
+        standing.history.retain(|kept| Some(*kept) != replaced);
+        standing.is_pinned = true;
+        standing.suspicion = None;
+        let (of, epoch) = (earlier.transform.epoch, standing.next_epoch - 1);
+        Ok(format!(
+            "{node} is back at the pose of epoch {of}, now epoch {epoch}, pinned until unpin"
+        ))
+    }
+
+    /// Takes in which epoch a node's agent holds: one that this centre has not given yet is of a
+    /// former life, so that epochs go on from there. True if the transform in force has another
+    /// epoch now.
+    pub(super) fn hear_epoch(&mut self, node: &NodeId, held: u64) -> bool {
+        let standing = self.standings.entry(node.clone()).or_default();
+        if held < standing.next_epoch || MAX_EPOCH <= held {
+            return false;
+        }
+        warn!(%node, held, "the agent holds an epoch of a former centre: going on from there");
+        standing.next_epoch = held + 1;
+        let Some(kept) = standing.in_force.as_mut() else { return false };
+        kept.transform.epoch = standing.next_epoch;
+        standing.next_epoch += 1;
+        true
     }
 
     /// What to tell of a node.
-    pub(super) fn registration(&self, now: CentreTime, node: &NodeId) -> Option<Registration> {
+    pub(super) fn registration(
+        &self,
+        now: CentreTime,
+        node: &NodeId,
+        pairs: &Pairs,
+    ) -> Option<Registration> {
         let standing = self.standings.get(node)?;
-        let (outcome, evidence, sets, solver) = if *node == self.reference {
-            (Outcome::Reference, Evidence::default(), None, "")
-        } else {
-            let (outcome, evidence, sets, solver) = standing.newest.clone()?;
-            (outcome, evidence, Some(sets), solver)
+        let group = standing.detached.iter().take(1).chain([node]).cloned();
+        let group: Vec<NodeId> = group.collect();
+        let via = if standing.detached.is_empty() { &standing.via } else { &group };
+        let newest = pairs.newest(node, via);
+        let (outcome, evidence, sets, solver) = match newest {
+            _ if *node == self.reference => (Outcome::Reference, Evidence::default(), None, ""),
+            Some((one, sets)) => (one.outcome.clone(), one.evidence, Some(sets), one.solver),
+            None => {
+                standing.in_force?;
+                let missing = "nothing was solved yet in this life of the centre".to_owned();
+                (Outcome::Underdetermined { missing }, Evidence::default(), None, "")
+            }
+        };
+        let outcome = match outcome {
+            Outcome::Reference => Outcome::Reference,
+            _ if !standing.detached.is_empty() => {
+                Outcome::Detached { with: standing.detached.clone() }
+            }
+            other => other,
         };
         Some(Registration {
             node: node.clone(),
             reference: self.reference.clone(),
             published: now,
-            transform: standing.transform,
+            transform: standing.in_force.map(|kept| kept.transform),
             outcome,
             evidence,
             sets,
             solver: solver.to_owned(),
+            via: standing.via.clone(),
+            suspicion: standing.suspicion.clone(),
+            is_pinned: standing.is_pinned,
         })
     }
-}
 
-/// The problem of `node` against the reference node over all periods kept; `None` without any
-/// period in which both were heard.
-fn job(gather: &Gather, reference: &NodeId, node: &NodeId) -> Option<Job> {
-    let (reference_history, history) = (gather.node(reference)?, gather.node(node)?);
-    if !(gather.is_clock_good(reference_history) && gather.is_clock_good(history)) {
-        return None;
-    }
-    let pairs: Vec<(&KeptSet, &KeptSet)> = history
-        .sets()
-        .iter()
-        .filter_map(|(period, set)| Some((reference_history.sets().get(period)?, set)))
-        .collect();
-    let ours = || pairs.iter().map(|(_, set)| *set).filter(|set| set.boot == history.boot);
-    let last_arrival = pairs.iter().flat_map(|(one, other)| [one.arrival, other.arrival]).max()?;
-    let count = u32::try_from(2 * pairs.len()).unwrap_or(u32::MAX);
-    let sets = SetsUsed {
-        boot: history.boot,
-        first_sequence: ours().map(|set| set.sequence).min().unwrap_or(0),
-        last_sequence: ours().map(|set| set.sequence).max().unwrap_or(0),
-        count,
-        last_arrival,
-    };
-    Some(Job { node: node.clone(), problem: problem(&pairs), sets, known: None, generation: 0 })
-}
-
-fn problem(pairs: &[(&KeptSet, &KeptSet)]) -> Problem {
-    let origin = pairs.first().map_or(CentreTime(0), |(in_ref, _)| in_ref.time);
-    let largest = |sigmas: &mut dyn Iterator<Item = f64>| sigmas.fold(0.0, f64::max);
-    Problem {
-        periods: pairs.iter().map(|(in_ref, in_node)| period(origin, in_ref, in_node)).collect(),
-        ref_half_depth_sigma_m: largest(&mut pairs.iter().map(|(one, _)| one.half_depth_sigma_m)),
-        node_half_depth_sigma_m: largest(&mut pairs.iter().map(|(_, set)| set.half_depth_sigma_m)),
+    /// A node of which something was solved is spoken of from now on.
+    pub(super) fn note(&mut self, node: &NodeId) {
+        self.standings.entry(node.clone()).or_default();
     }
 }
 
-fn period(origin: CentreTime, reference: &KeptSet, node: &KeptSet) -> Period {
-    // The reference node's own frame is `Ref`: only the name of the frame changes.
-    let in_ref = |position: &proto::geom::Gaussian<Node>| proto::geom::Gaussian {
-        mean: Point::from_coords(position.mean.coords_m),
-        cov_m2: position.cov_m2,
-    };
-    let since_origin_s = |set: &KeptSet| (set.time.0 - origin.0) as f64 * 1e-9;
-    Period {
-        ref_time_s: since_origin_s(reference),
-        node_time_s: since_origin_s(node),
-        in_ref: reference.points.iter().map(|point| in_ref(&point.position)).collect(),
-        in_node: node.points.iter().map(|point| point.position).collect(),
-    }
-}
-
-fn transform(epoch: u64, now: CentreTime, estimate: &PoseEstimate) -> Transform {
-    let covariance =
-        std::array::from_fn(|row| std::array::from_fn(|column| estimate.covariance[(row, column)]));
-    let pose_ref_from_node = estimate.pose_ref_from_node.into();
-    Transform { epoch, accepted: now, pose_ref_from_node, covariance }
-}
-
-impl Standing {
-    fn count_contradiction(&mut self, node: &NodeId, estimate: &PoseEstimate) {
-        self.contradiction_count += 1;
-        if self.contradiction_count.is_power_of_two() {
-            warn!(%node, count = self.contradiction_count, pose = ?estimate.pose_ref_from_node,
-                "contradicts the transform in force and rests on less: not accepted");
-        }
-    }
-}
-
-/// Whether the new pose's uncertainty covers far more than the old one's: poorer data must not
-/// take the place of better ones, while the fluctuation of a sliding window may.
-fn is_much_vaguer(old: &Transform, new: &PoseEstimate) -> bool {
-    VAGUER * old.covariance_matrix().determinant() < new.covariance.determinant()
-}
-
-/// Whether the new pose lies within the old one's and its own uncertainty.
-fn refines(old: &Transform, new: &PoseEstimate) -> bool {
-    let old_pose: Se2<Ref, Node> = old.pose_ref_from_node.into();
-    let moved_m = new.pose_ref_from_node.translation_m() - old_pose.translation_m();
-    let turned = wrap_angle(new.pose_ref_from_node.heading_rad() - old_pose.heading_rad());
-    let between = Vector3::new(moved_m.x, moved_m.y, turned);
-    let both = old.covariance_matrix() + new.covariance;
-    let Some(information) = both.try_inverse() else { return false };
-    between.dot(&(information * between)) <= REFINEMENT_GATE
-}
-
-fn outcome(outcome: &registration::Outcome) -> Outcome {
-    match outcome {
-        registration::Outcome::Determined => Outcome::Determined,
-        registration::Outcome::Ambiguous { rivals } => Outcome::Ambiguous {
-            rivals: rivals
-                .iter()
-                .take(MAX_RIVAL_COUNT)
-                .map(|rival| Rival {
-                    pose_ref_from_node: rival.pose_ref_from_node.into(),
-                    log_odds: rival.log_odds,
-                })
-                .collect(),
-        },
-        registration::Outcome::Underdetermined { missing } => {
-            Outcome::Underdetermined { missing: missing.to_string() }
-        }
-    }
-}
-
-fn evidence(evidence: &registration::Evidence, solve_time: Duration) -> Evidence {
-    let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
-    Evidence {
-        matched_point_count: count(evidence.matched_point_count),
-        period_count: count(evidence.period_count),
-        chi_square: evidence.chi_square,
-        degrees_of_freedom: evidence.degrees_of_freedom,
-        log_odds: evidence.log_odds,
-        rival_log_odds: evidence.rival_log_odds,
-        solve_ms: solve_time.as_secs_f64() * 1e3,
-    }
-}
-
-/// Every node's line in the picture.
-pub(super) fn node_lines(now: CentreTime, gather: &Gather, poses: &Poses) -> Vec<NodeInPicture> {
-    let line = |(node, history): (&NodeId, &NodeHistory)| {
-        let transform = poses.transform(node);
-        let state = if !gather.is_heard(now, history) {
-            NodeState::Silent
-        } else if history.clock.is_none() {
-            NodeState::ClockUnknown
-        } else if transform.is_none() {
-            NodeState::Unregistered
-        } else {
-            NodeState::Live
-        };
-        let silent = now.since(history.last_heard);
-        NodeInPicture {
-            node: node.clone(),
-            state,
-            silent_ms: u64::try_from(silent.as_millis()).unwrap_or(u64::MAX),
-            boot: history.boot,
-            next_sequence: history.next_sequence,
-            received_count: history.received_count,
-            missing_count: history.missing_count(),
-            duplicate_count: history.duplicate_count,
-            late_count: history.late_count,
-            refused_count: history.refused_count,
-            epoch: transform.map(|transform| transform.epoch),
-        }
-    };
-    gather.nodes().map(line).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn id(name: &str) -> NodeId {
-        name.parse().unwrap()
-    }
-
-    fn solved(x_m: f64, sigma_m: f64, log_odds: f64) -> Solved {
-        let boot = proto::ids::BootId(1);
-        let last_arrival = CentreTime(0);
-        let sets = SetsUsed { boot, first_sequence: 0, last_sequence: 0, count: 2, last_arrival };
-        let estimate = PoseEstimate {
-            pose_ref_from_node: Se2::new(x_m, 0.0, 0.0),
-            covariance: Matrix3::identity() * sigma_m.powi(2),
-        };
-        let solution = Solution {
-            estimate: Some(estimate),
-            outcome: registration::Outcome::Determined,
-            evidence: registration::Evidence { log_odds, ..registration::Evidence::default() },
-            known: Known::default(),
-        };
-        let (node, problem) = (id("n2"), Problem::default());
-        let job = Job { node, problem, sets, known: None, generation: 0 };
-        Solved { job, solution, solver: "default", solve_time: Duration::ZERO }
-    }
-
-    fn x_m(poses: &Poses) -> f64 {
-        poses.transform(&id("n2")).unwrap().pose_ref_from_node.x_m
-    }
-
-    #[test]
-    fn a_poorer_pose_never_replaces_a_better_one() {
-        let mut poses = Poses::new(id("n1"));
-        for (proposed, in_force_m, why) in [
-            (solved(0.0, 0.01, 200.0), 0.0, "the first determined pose is taken"),
-            (solved(0.8, 0.45, 10.0), 0.0, "it fits, but is far vaguer"),
-            (solved(0.02, 0.012, 190.0), 0.02, "it refines"),
-            (solved(3.0, 0.01, 100.0), 0.02, "it contradicts and rests on less"),
-            (solved(3.0, 0.01, 300.0), 3.0, "it contradicts and rests on more"),
-        ] {
-            poses.take(CentreTime(1), &proposed);
-            assert!((x_m(&poses) - in_force_m).abs() < 1e-12, "{why}");
-        }
-        assert_eq!(poses.transform(&id("n2")).unwrap().epoch, 2);
-    }
-
-    #[test]
-    fn after_a_doubt_only_new_data_count() {
-        let mut poses = Poses::new(id("n1"));
-        poses.take(CentreTime(1), &solved(0.0, 0.01, 200.0));
-        poses.doubt(&id("n2"));
-        poses.take(CentreTime(2), &solved(1.0, 0.01, 500.0));
-        assert!(x_m(&poses).abs() < 1e-12, "a job made before the doubt is not believed");
-        let mut fresh = solved(2.0, 0.01, 20.0);
-        fresh.job.generation = 1;
-        poses.take(CentreTime(3), &fresh);
-        assert!((x_m(&poses) - 2.0).abs() < 1e-12);
-    }
+/// The correction of a node that did not move, where the reference needs `why`'s: `Ref` itself
+/// turns and shifts the other way.
+fn opposite(why: &Suspicion, kept: Option<&Kept>) -> Vector3<f64> {
+    let at = kept.map_or((0.0, 0.0), |kept| {
+        let pose = kept.transform.pose_ref_from_node;
+        (pose.x_m, pose.y_m)
+    });
+    let turn = -why.turn_rad;
+    Vector3::new(-why.shift_x_m - turn * at.1, -why.shift_y_m + turn * at.0, turn)
 }

@@ -9,7 +9,7 @@ use proto::geom::{Node, Point, Ref, Se2};
 use proto::keys::Pattern;
 use proto::measured::{MeasuredPoint, packed};
 use proto::time::{ClockEstimate, NodeTime};
-use proto::wire::{Counters, NodeState, Outcome, PointSet, Registration, decode, encode};
+use proto::wire::{Command, Counters, NodeState, Outcome, PointSet, Registration, decode, encode};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -111,7 +111,8 @@ fn world(faults: Faults) -> World {
     let stop = CancellationToken::new();
     let token = stop.clone();
     let running = tokio::spawn(async move {
-        serve(config(), CENTRE, &outbound, deliveries, token).await;
+        let centre = Centre::new(config(), CENTRE);
+        serve((*config()).clone(), centre, &outbound, deliveries, token).await;
     });
     World { network, said, stop, running }
 }
@@ -206,6 +207,14 @@ fn stepped(deliveries: &[Delivery]) -> (Centre, Vec<u8>) {
                     let solved = Solved { job: *job, solution, solver: "default", solve_time };
                     effects.extend(centre.step(now, Event::Solved(Box::new(solved))));
                 }
+                Effect::Combine(combination) => {
+                    let Combination { reference, nodes, edges, .. } = &*combination;
+                    let groups = crate::network::combine(reference, nodes, edges);
+                    let combination = *combination;
+                    let combined = Combined { combination, groups, time: Duration::ZERO };
+                    effects.extend(centre.step(now, Event::Combined(Box::new(combined))));
+                }
+                Effect::Save(text) => said.extend(text.bytes()),
             }
         }
     }
@@ -314,7 +323,7 @@ fn a_solver_that_breaks_does_not_disable_its_node() {
         for effect in centre.step(now, Event::Delivered(delivery, now)) {
             if let Effect::Solve(job) = effect {
                 job_count += 1;
-                centre.step(now, Event::SolveFailed(job.node));
+                centre.step(now, Event::SolveFailed(job.pair));
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::super::Missing;
 use super::super::modes::fixed;
 use super::*;
 use crate::simulate::{Conditions, trial};

@@ -2,6 +2,7 @@
 
 mod clock;
 mod run;
+mod state;
 
 pub use clock::Clock;
 pub use run::{run, serve};

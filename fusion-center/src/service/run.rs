@@ -1,5 +1,6 @@
-//! The event loop: one task owns the pipeline; solving runs on worker threads beside it.
+//! The event loop: one task owns the pipeline; solving and combining run on worker threads.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,9 +13,10 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tracing::{error, info, warn};
 
-use super::Clock;
+use super::{Clock, state};
 use crate::config::CentreConfig;
-use crate::pipeline::{Centre, Effect, Event, Job, Solved};
+use crate::network::combine;
+use crate::pipeline::{Centre, Combination, Combined, Effect, Event, Job, Solved};
 use crate::registration::{Solver, build};
 
 /// How often the pipeline looks at the time when nothing comes.
@@ -37,18 +39,20 @@ fn patterns() -> [Pattern; 5] {
 /// Runs the centre on the network until `stop`.
 ///
 /// # Errors
-/// If the network cannot be joined.
+/// If the network cannot be joined, or the state file cannot be used.
 pub async fn run(config: CentreConfig, stop: CancellationToken) -> anyhow::Result<()> {
     let boot = BootId::random();
+    let mut centre = Centre::new(Arc::new(with_workers(config.clone())), boot);
+    restore(&config, &mut centre)?;
     let keys = Keys::new(config.site.clone());
     let (bus, deliveries) = tokio::select! {
         () = stop.cancelled() => return Ok(()),
         joined = join(&config.bus, &keys) => joined?,
     };
     bus.declare_alive(&Topic::CentreLive(boot)).await?;
-    let CentreConfig { site, reference, bus: bus_config, .. } = &config;
-    info!(%site, %reference, %boot, listen = ?bus_config.listen, "centre is up");
-    serve(Arc::new(config), boot, &bus, deliveries, stop).await;
+    let (site, reference, listen) = (&config.site, &config.reference, &config.bus.listen);
+    info!(%site, %reference, %boot, ?listen, "centre is up");
+    serve(config, centre, &bus, deliveries, stop).await;
     bus.close().await;
     Ok(())
 }
@@ -72,26 +76,42 @@ async fn join(
     }
 }
 
+/// The configuration with the number of cores where it leaves the number of workers open.
+fn with_workers(mut config: CentreConfig) -> CentreConfig {
+    if config.work.worker_count == 0 {
+        config.work.worker_count = std::thread::available_parallelism().map_or(1, usize::from);
+    }
+    config
+}
+
+fn restore(config: &CentreConfig, centre: &mut Centre) -> anyhow::Result<()> {
+    let path = Path::new(&config.state.path);
+    if config.state.path.is_empty() {
+        return Ok(());
+    }
+    let Some(text) = state::read(path)? else { return Ok(()) };
+    centre.restore(&text).with_context(|| format!("state file {}", path.display()))
+}
+
 /// Serves deliveries until `stop` or until the bus is gone.
 pub async fn serve(
-    config: Arc<CentreConfig>,
-    boot: BootId,
+    config: CentreConfig,
+    mut centre: Centre,
     bus: &impl Bus,
     mut deliveries: mpsc::Receiver<Delivery>,
     stop: CancellationToken,
 ) {
     let clock = Clock::start();
     let solver: Arc<dyn Solver> = Arc::from(build(&config.solver));
-    // Never full: at most one solution per node is under way, and a node has one place.
-    let (solved_sender, mut solved) = mpsc::channel(config.gather.max_node_count);
-    let mut centre = Centre::new(config, boot);
+    // Never full: as many solutions as there are workers are under way, and one combination.
+    let (done_sender, mut done) = mpsc::channel(1 + with_workers(config.clone()).work.worker_count);
     let mut ticks = tokio::time::interval(TICK);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let mut dropped_before = 0;
     loop {
         let event = tokio::select! {
             () = stop.cancelled() => break,
-            Some(done) = solved.recv() => done,
+            Some(event) = done.recv() => event,
             delivery = deliveries.recv() => match delivery {
                 Some(delivery) => {
                     let arrived = clock.at(delivery.arrived);
@@ -104,7 +124,9 @@ pub async fn serve(
         for effect in centre.step(clock.now(), event) {
             match effect {
                 Effect::Publish(topic, bytes) => publish(bus, &topic, bytes).await,
-                Effect::Solve(job) => start(Arc::clone(&solver), *job, solved_sender.clone()),
+                Effect::Solve(job) => start(Arc::clone(&solver), *job, done_sender.clone()),
+                Effect::Combine(combination) => start_combining(*combination, done_sender.clone()),
+                Effect::Save(text) => save(&config.state.path, text).await,
             }
         }
         let dropped = bus.dropped_count();
@@ -113,7 +135,21 @@ pub async fn serve(
             dropped_before = dropped;
         }
     }
+    if let Some(text) = centre.state().filter(|_| !config.state.path.is_empty()) {
+        save(&config.state.path, text).await;
+    }
     info!("centre stops");
+}
+
+/// Writes the state file beside the event loop; the centre works on without it.
+async fn save(path: &str, text: String) {
+    let named = path.to_owned();
+    let written = tokio::task::spawn_blocking(move || state::write(Path::new(&named), &text));
+    match written.await {
+        Ok(Ok(())) => {}
+        Ok(Err(failure)) => warn!(%path, %failure, "state not saved"),
+        Err(failure) => warn!(%path, %failure, "state not saved"),
+    }
 }
 
 async fn publish(bus: &impl Bus, topic: &Topic, bytes: Vec<u8>) {
@@ -124,7 +160,7 @@ async fn publish(bus: &impl Bus, topic: &Topic, bytes: Vec<u8>) {
 
 fn start(solver: Arc<dyn Solver>, job: Job, done: mpsc::Sender<Event>) {
     tokio::spawn(async move {
-        let node = job.node.clone();
+        let pair = job.pair.clone();
         let work = tokio::task::spawn_blocking(move || {
             let clock = Clock::start();
             let solution = solver.solve(&job.problem, job.known.as_ref());
@@ -134,8 +170,29 @@ fn start(solver: Arc<dyn Solver>, job: Job, done: mpsc::Sender<Event>) {
         let event = match work.await {
             Ok(solved) => Event::Solved(solved),
             Err(failure) => {
-                error!(%node, %failure, "solving failed");
-                Event::SolveFailed(node)
+                error!(?pair, %failure, "solving failed");
+                Event::SolveFailed(pair)
+            }
+        };
+        // The loop has ended if nobody takes it: there is nothing left to tell.
+        drop(done.send(event).await);
+    });
+}
+
+fn start_combining(combination: Combination, done: mpsc::Sender<Event>) {
+    tokio::spawn(async move {
+        let work = tokio::task::spawn_blocking(move || {
+            let clock = Clock::start();
+            let Combination { reference, nodes, edges, .. } = &combination;
+            let groups = combine(reference, nodes, edges);
+            let time = clock.now().since(proto::time::CentreTime(0));
+            Box::new(Combined { combination, groups, time })
+        });
+        let event = match work.await {
+            Ok(combined) => Event::Combined(combined),
+            Err(failure) => {
+                error!(%failure, "combining failed");
+                Event::CombineFailed
             }
         };
         // The loop has ended if nobody takes it: there is nothing left to tell.

@@ -13,7 +13,7 @@ use thiserror::Error;
 pub use echoes::{Echoes, EchoesConfig};
 pub use recorded::{Detection, RecordingError};
 pub use replay::{Replay, ReplayConfig};
-pub use simulated::{Simulated, SimulatedConfig};
+pub use simulated::{Move, Simulated, SimulatedConfig};
 
 use crate::imaging::{InvalidSetting, Sweep};
 use crate::recording;

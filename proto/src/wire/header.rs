@@ -36,6 +36,8 @@ pub enum Kind {
     Picture = 6,
     /// [`super::Command`]
     Command = 7,
+    /// [`super::Answer`]
+    Answer = 8,
 }
 
 /// Why bytes were not taken for a message.

@@ -15,12 +15,12 @@ mod to_centre;
 
 pub use check::Invalid;
 pub use codec::{MAX_PAYLOAD_BYTES, Message, Received, Stamp, decode, encode};
-pub use command::Command;
+pub use command::{Answer, Command, StatedPose};
 pub use header::{HEADER_BYTES, Kind, Refusal};
 pub use sweep::{RawSweep, SWEEP_HEADER_BYTES, SweepRefusal};
 pub use to_agent::{
     ClockAnswer, Evidence, FusedTarget, NodeInPicture, NodeState, Outcome, Picture, PoseRecord,
-    Registration, Rival, SetsUsed, Transform,
+    Registration, Rival, SetsUsed, Suspicion, Transform,
 };
 pub use to_centre::{ClockProbe, Counters, LatencyReport, NodeStatus, PointSet, SourceState};
 

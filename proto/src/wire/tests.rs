@@ -53,7 +53,25 @@ fn registration() -> Registration {
         evidence: Evidence::default(),
         sets: None,
         solver: "default".to_owned(),
+        via: vec!["n0".parse().unwrap(), node()],
+        suspicion: Some(suspicion()),
+        is_pinned: true,
     }
+}
+
+fn suspicion() -> Suspicion {
+    Suspicion {
+        moved: node(),
+        began: CentreTime(7),
+        shift_x_m: 0.25,
+        shift_y_m: -0.5,
+        turn_rad: 0.125,
+        chi_square: 90.0,
+    }
+}
+
+fn answer() -> Answer {
+    Answer { to: BootId(3), is_done: true, text: "pinned".to_owned() }
 }
 
 fn picture() -> Picture {
@@ -68,8 +86,25 @@ fn picture() -> Picture {
         reference: node(),
         period: 1,
         time: CentreTime(2),
-        nodes: vec![],
+        nodes: vec![line()],
         targets: vec![target],
+    }
+}
+
+fn line() -> NodeInPicture {
+    NodeInPicture {
+        node: node(),
+        state: NodeState::Suspect,
+        silent_ms: 1,
+        boot: BootId(2),
+        next_sequence: 3,
+        received_count: 4,
+        missing_count: 5,
+        duplicate_count: 6,
+        late_count: 7,
+        refused_count: 8,
+        epoch: Some(9),
+        is_pinned: false,
     }
 }
 
@@ -94,6 +129,15 @@ fn the_layout_is_frozen() {
     assert_eq!(hex(&encode(STAMP, &picture()).unwrap()), include_str!("golden/picture.hex").trim());
     let command = Command::Recalibrate { node: Some(node()) };
     assert_eq!(hex(&encode(STAMP, &command).unwrap()), include_str!("golden/command.hex").trim());
+    let stated = StatedPose {
+        pose_ref_from_node: transform().pose_ref_from_node,
+        sigma_m: 0.5,
+        sigma_rad: 0.25,
+    };
+    let pin = Command::Pin { node: node(), pose: Some(stated) };
+    assert_eq!(hex(&encode(STAMP, &pin).unwrap()), include_str!("golden/pin.hex").trim());
+    let told = hex(&encode(STAMP, &answer()).unwrap());
+    assert_eq!(told, include_str!("golden/answer.hex").trim());
     let answer = ClockAnswer { node: node(), asked: NodeTime(1), answered: CentreTime(-2) };
     assert_eq!(
         hex(&encode(STAMP, &answer).unwrap()),
@@ -143,6 +187,11 @@ fn every_kind_arrives_as_it_was_sent() {
     assert_returns(&registration());
     assert_returns(&picture());
     assert_returns(&status());
+    assert_returns(&answer());
+    let detached = Outcome::Detached { with: vec![node()] };
+    assert_returns(&Registration { outcome: detached, ..registration() });
+    assert_returns(&Command::Unpin { node: node() });
+    assert_returns(&Command::Rollback { node: node() });
 }
 
 #[test]
@@ -217,6 +266,17 @@ fn senseless_fields_are_refused_on_both_sides() {
     let mut skewed = registration();
     skewed.transform = Some(Transform { covariance: [[1.0, 0.5, 0.0]; 3], ..transform() });
     assert_eq!(encode(STAMP, &skewed).unwrap_err().label(), "invalid");
+    let mut doubted = registration();
+    doubted.suspicion = Some(Suspicion { turn_rad: f64::NAN, ..suspicion() });
+    assert!(encode(STAMP, &doubted).unwrap_err().to_string().contains("suspicion.turn_rad"));
+    let pose_ref_from_node = transform().pose_ref_from_node;
+    for (sigma_m, sigma_rad, named) in [(0.0, 0.1, "sigma_m"), (0.1, 9.0, "sigma_rad")] {
+        let pose = Some(StatedPose { pose_ref_from_node, sigma_m, sigma_rad });
+        let refusal = encode(STAMP, &Command::Pin { node: node(), pose }).unwrap_err();
+        assert!(refusal.to_string().contains(named), "{refusal}");
+    }
+    let long = Answer { text: "x".repeat(600), ..answer() };
+    assert!(encode(STAMP, &long).unwrap_err().to_string().contains("text is 600"));
 }
 
 #[test]

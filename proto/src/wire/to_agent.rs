@@ -65,7 +65,7 @@ impl From<PoseRecord> for Se2<Ref, Node> {
 }
 
 impl PoseRecord {
-    fn check(&self) -> Result<(), Invalid> {
+    pub(super) fn check(&self) -> Result<(), Invalid> {
         coordinate("pose.x_m", self.x_m)?;
         coordinate("pose.y_m", self.y_m)?;
         let turned = self.heading_rad.is_finite() && self.heading_rad.abs() <= 4.0;
@@ -76,7 +76,8 @@ impl PoseRecord {
 /// A transform that the centre stands by.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Transform {
-    /// Counts the transforms accepted for this node, never reused in one life of the centre.
+    /// Counts the transforms accepted for this node. It grows over restarts of the centre too, once
+    /// the node's agent has said which it holds or where the centre keeps a state file.
     pub epoch: u64,
     /// When it was accepted.
     pub accepted: CentreTime,
@@ -120,6 +121,30 @@ pub enum Outcome {
         /// What is missing, for people.
         missing: String,
     },
+    /// One pose with respect to other nodes, but none of them hangs together with the reference:
+    /// where it stands in `Ref` is not known.
+    Detached {
+        /// The other nodes.
+        with: Vec<NodeId>,
+    },
+}
+
+/// Why a transform in force is doubted: points of the node miss those of others by more than the
+/// poses' uncertainty explains.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Suspicion {
+    /// Who seems to have moved: the node itself, or the reference.
+    pub moved: NodeId,
+    /// When the points began to miss, as far as can be told.
+    pub began: CentreTime,
+    /// Correction of the pose that would make them meet again: x in `Ref`, metres.
+    pub shift_x_m: f64,
+    /// y in `Ref`, metres.
+    pub shift_y_m: f64,
+    /// Heading, radians.
+    pub turn_rad: f64,
+    /// That correction in units of its uncertainty, squared; 3 on average if nothing moved.
+    pub chi_square: f64,
 }
 
 /// What a registration rests on.
@@ -175,12 +200,19 @@ pub struct Registration {
     pub sets: Option<SetsUsed>,
     /// Name of the solver.
     pub solver: String,
+    /// The nodes through which the pose came, the reference first, this node last; empty where it
+    /// came from no solution.
+    pub via: Vec<NodeId>,
+    /// Why the transform in force is doubted, if it is.
+    pub suspicion: Option<Suspicion>,
+    /// The operator keeps the transform in force: no result replaces it.
+    pub is_pinned: bool,
 }
 
 impl Message for Registration {
     const KIND: Kind = Kind::Registration;
-    const SCHEMA: u16 = 1;
-    const MAX_BYTES: usize = 8 << 10;
+    const SCHEMA: u16 = 2;
+    const MAX_BYTES: usize = 32 << 10;
 
     fn check(&self) -> Result<(), Invalid> {
         at_most("solver", self.solver.len(), MAX_TEXT_LENGTH)?;
@@ -191,6 +223,8 @@ impl Message for Registration {
         finite("evidence.log_odds", self.evidence.log_odds)?;
         not_negative("evidence.chi_square", self.evidence.chi_square)?;
         not_negative("evidence.solve_ms", self.evidence.solve_ms)?;
+        at_most("via", self.via.len(), MAX_NODE_COUNT)?;
+        self.suspicion.as_ref().map_or(Ok(()), Suspicion::check)?;
         match &self.outcome {
             Outcome::Reference | Outcome::Determined => Ok(()),
             Outcome::Ambiguous { rivals } => {
@@ -203,7 +237,17 @@ impl Message for Registration {
             Outcome::Underdetermined { missing } => {
                 at_most("outcome.missing", missing.len(), MAX_TEXT_LENGTH)
             }
+            Outcome::Detached { with } => at_most("outcome.with", with.len(), MAX_NODE_COUNT),
         }
+    }
+}
+
+impl Suspicion {
+    fn check(&self) -> Result<(), Invalid> {
+        coordinate("suspicion.shift_x_m", self.shift_x_m)?;
+        coordinate("suspicion.shift_y_m", self.shift_y_m)?;
+        finite("suspicion.turn_rad", self.turn_rad)?;
+        not_negative("suspicion.chi_square", self.chi_square)
     }
 }
 
@@ -218,6 +262,9 @@ pub enum NodeState {
     ClockUnknown,
     /// Not heard for longer than the limit.
     Silent,
+    /// Heard lately and registered, but its points miss those of the others: it, or the reference,
+    /// seems to have moved. Its points are in the picture under the transform in force.
+    Suspect,
 }
 
 /// One node's line in the picture.
@@ -245,6 +292,8 @@ pub struct NodeInPicture {
     pub refused_count: u64,
     /// Epoch of the transform used, if registered.
     pub epoch: Option<u64>,
+    /// The operator keeps the transform in force.
+    pub is_pinned: bool,
 }
 
 /// A target that one or more nodes see.
@@ -293,7 +342,7 @@ pub struct Picture {
 
 impl Message for Picture {
     const KIND: Kind = Kind::Picture;
-    const SCHEMA: u16 = 1;
+    const SCHEMA: u16 = 2;
     const MAX_BYTES: usize = 512 << 10;
 
     fn check(&self) -> Result<(), Invalid> {

@@ -14,6 +14,7 @@ mod centre_dies;
 mod configuration;
 mod garbage;
 mod main_job;
+mod moved_node;
 mod nothing_left_behind;
 mod recordings;
 mod register;

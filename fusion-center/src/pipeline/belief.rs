@@ -1,0 +1,88 @@
+//! When a new pose takes the place of an old one: a poorer result never replaces a better.
+
+use nalgebra::{Matrix3, Vector3};
+use proto::geom::{Node, Ref, Se2, wrap_angle};
+
+/// A new pose within this many standard deviations (squared, three dimensions) of the old one
+/// refines it; chance exceeds it once in ten thousand.
+const REFINEMENT_GATE: f64 = 21.1;
+/// A pose whose covariance has this many times the determinant of another's is much vaguer: one and
+/// a half times the standard deviation in each of three dimensions.
+const VAGUER: f64 = 11.4;
+/// A pose that differs by less than a tenth of a standard deviation, with a covariance of nearly
+/// the same determinant, is no news.
+const NEWS_GATE: f64 = 0.01;
+const NEWS_FACTOR: f64 = 1.2;
+
+/// A pose that is believed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Belief {
+    pub(super) pose: Se2<Ref, Node>,
+    pub(super) covariance: Matrix3<f64>,
+    /// Natural logarithm of the odds that it rests on.
+    pub(super) log_odds: f64,
+}
+
+/// What to do with a new pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Judgement {
+    /// It takes the old one's place.
+    Accept,
+    /// It fits, but is much vaguer: the old one stays.
+    Vaguer,
+    /// It contradicts and rests on less: the old one stays.
+    Contradicts,
+}
+
+impl Belief {
+    /// Whether `new` takes this one's place.
+    pub(super) fn judge(&self, new: &Self) -> Judgement {
+        if self.log_odds < new.log_odds {
+            Judgement::Accept
+        } else if !self.is_refined_by(new) {
+            Judgement::Contradicts
+        } else if self.is_clearer_than(new) {
+            Judgement::Vaguer
+        } else {
+            Judgement::Accept
+        }
+    }
+
+    /// Whether `new` lies within this one's and its own uncertainty.
+    pub(super) fn is_refined_by(&self, new: &Self) -> bool {
+        let Some(information) = (self.covariance + new.covariance).try_inverse() else {
+            return false;
+        };
+        let between = self.difference(&new.pose);
+        between.dot(&(information * between)) <= REFINEMENT_GATE
+    }
+
+    /// Whether `new`'s uncertainty covers far more: poorer data must not take the place of better
+    /// ones, while the fluctuation of a sliding window may.
+    pub(super) fn is_clearer_than(&self, new: &Self) -> bool {
+        VAGUER * self.covariance.determinant() < new.covariance.determinant()
+    }
+
+    /// Whether `new` says nothing that this one does not.
+    pub(super) fn is_same_as(&self, new: &Self) -> bool {
+        let Some(information) = self.covariance.try_inverse() else { return false };
+        let between = self.difference(&new.pose);
+        let ratio = new.covariance.determinant() / self.covariance.determinant();
+        between.dot(&(information * between)) < NEWS_GATE
+            && (NEWS_FACTOR.recip()..=NEWS_FACTOR).contains(&ratio)
+    }
+
+    /// Squared distance of `pose` from this one in units of this one's and `more`'s covariance.
+    pub(super) fn distance(&self, pose: &Se2<Ref, Node>, more: &Matrix3<f64>) -> f64 {
+        let between = self.difference(pose);
+        let information = (self.covariance + more).try_inverse();
+        information.map_or(0.0, |information| between.dot(&(information * between)))
+    }
+
+    /// `(x_m, y_m, heading_rad)` of `pose` less this one.
+    fn difference(&self, pose: &Se2<Ref, Node>) -> Vector3<f64> {
+        let moved_m = pose.translation_m() - self.pose.translation_m();
+        let turned = wrap_angle(pose.heading_rad() - self.pose.heading_rad());
+        Vector3::new(moved_m.x, moved_m.y, turned)
+    }
+}

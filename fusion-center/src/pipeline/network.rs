@@ -1,0 +1,91 @@
+//! When the solutions of pairs are combined into the poses of all nodes.
+//!
+//! Combining runs beside the event loop as solving does, one at a time; where it takes long, it
+//! pauses so that it takes no more than a tenth of one core.
+
+use std::time::Duration;
+
+use proto::ids::NodeId;
+use proto::time::CentreTime;
+
+use crate::network::{Edge, Group};
+
+/// Combining pauses this many times as long as it took.
+const PAUSE_FACTOR: u32 = 9;
+
+/// Solutions of pairs, ready to be combined.
+#[derive(Clone, Debug)]
+pub struct Combination {
+    /// The node whose frame is `Ref`.
+    pub reference: NodeId,
+    /// Every node.
+    pub nodes: Vec<NodeId>,
+    /// The solutions in force.
+    pub edges: Vec<Edge>,
+    pub(super) generation: u64,
+}
+
+/// A combined [`Combination`].
+#[derive(Clone, Debug)]
+pub struct Combined {
+    /// What was combined.
+    pub combination: Combination,
+    /// The poses.
+    pub groups: Vec<Group>,
+    /// How long it took.
+    pub time: Duration,
+}
+
+/// What is under way and what is to be done.
+#[derive(Debug)]
+pub(super) struct Network {
+    /// The solutions in force are others than those last combined.
+    pub(super) is_stale: bool,
+    in_flight: bool,
+    /// Counts the wishes to start over: combinations of earlier solutions are not believed.
+    generation: u64,
+    rests_until: CentreTime,
+}
+
+impl Network {
+    pub(super) fn new() -> Self {
+        let rests_until = CentreTime(0);
+        Self { is_stale: false, in_flight: false, generation: 0, rests_until }
+    }
+
+    /// Whether a combination may start now.
+    pub(super) fn is_due(&self, now: CentreTime) -> bool {
+        self.is_stale && !self.in_flight && self.rests_until <= now
+    }
+
+    /// Whether a combination is under way.
+    pub(super) fn is_in_flight(&self) -> bool {
+        self.in_flight
+    }
+
+    /// Notes that a combination starts; returns its generation.
+    pub(super) fn start(&mut self) -> u64 {
+        (self.is_stale, self.in_flight) = (false, true);
+        self.generation
+    }
+
+    /// Notes that it ended. True if it is to be believed.
+    pub(super) fn end(&mut self, now: CentreTime, combined: &Combined) -> bool {
+        self.in_flight = false;
+        let pause = combined.time.saturating_mul(PAUSE_FACTOR);
+        let pause_ns = i64::try_from(pause.as_nanos()).unwrap_or(i64::MAX);
+        self.rests_until = CentreTime(now.0.saturating_add(pause_ns));
+        combined.combination.generation == self.generation
+    }
+
+    /// It broke: it may be tried again when something changes.
+    pub(super) fn give_up(&mut self) {
+        self.in_flight = false;
+    }
+
+    /// What is being combined is not believed any longer.
+    pub(super) fn start_over(&mut self) {
+        self.generation += 1;
+        self.is_stale = true;
+    }
+}
