@@ -109,7 +109,7 @@ fn a_folder_of_points_is_one_problem() {
     let output = run(&[".", "--json"], "", folder.path());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_right(&lines(&output)[0], &case);
-    let output = run(&[".", "--json", "--reference", "n3"], "", folder.path());
-    let said = String::from_utf8_lossy(&output.stderr);
+    let refused = run(&[".", "--json", "--reference", "n3"], "", folder.path());
+    let said = String::from_utf8_lossy(&refused.stderr);
     assert!(said.contains("reference has no sets; nodes with sets: n1, n2"), "{said}");
 }

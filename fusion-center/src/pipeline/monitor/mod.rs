@@ -38,7 +38,8 @@ const OLDER_WINDOWS: i64 = 3;
 /// Pairs looked at in one period; where there are more, they take turns.
 const PAIRS_PER_PERIOD: usize = 64;
 /// What is believed of the errors' duration before anything is learned, in windows' worth of trust,
-/// and how many windows are remembered. People seen by the simulated chain gave 1 to 4.
+/// and how many windows are remembered. Errors that last half a second at 10 periods a second gave
+/// 1.1 to 4.4 in tests.
 const FIRST_INFLATION: f64 = 2.0;
 const FIRST_TRUST: f64 = 2.0;
 const MAX_TRUST: f64 = 30.0;

@@ -1,14 +1,11 @@
 //! Rooms with walkers who turn, offsets, asynchronous nodes and clutter: how true the covariance is.
 
-use std::hint::black_box;
-use std::time::Instant;
-
 use nalgebra::Vector2;
 use rand::RngExt;
 
 use super::super::degenerate_tests::{walkers, wanderers};
-use super::super::{Known, Outcome, Pairwise, Problem, Solver};
-use crate::simulate::{Conditions, Paths, Sampler, Trial, paper_paths, trial};
+use super::super::{Outcome, Pairwise, Problem, Solver};
+use crate::simulate::{Conditions, Paths, Sampler, Trial, paper_paths};
 
 /// How a room is drawn.
 #[derive(Clone, Copy)]
@@ -238,31 +235,5 @@ fn covariances_are_true_where_walkers_turn_and_offsets_last() {
 fn study_rooms() {
     for room in rooms() {
         println!("{}: {:?}", room.name, figures(&room, 3000..3150));
-    }
-}
-
-#[test]
-#[ignore = "minutes: time of a solve with and without the joint fit"]
-#[expect(clippy::disallowed_methods, reason = "it measures the time that a solve takes")]
-fn study_time() {
-    let paper = trial(&Conditions::WITH_FALSE_POINTS, 3).problem;
-    for (name, problem, count) in
-        [("paper", paper, 2000), ("corners", room("corners").draw(1).problem, 50)]
-    {
-        let without = timeless(&problem);
-        let solver = Pairwise::default();
-        let known = solver.solve(&problem, None).known;
-        let time_s = |given: &Problem, last: Option<&Known>| {
-            let clock = Instant::now();
-            (0..count).for_each(|_| drop(black_box(solver.solve(given, last))));
-            clock.elapsed().as_secs_f64() / f64::from(count)
-        };
-        println!(
-            "{name}: {:.1} us, without {:.1}; known {:.1} us, without {:.1}",
-            1e6 * time_s(&problem, None),
-            1e6 * time_s(&without, None),
-            1e6 * time_s(&problem, Some(&known)),
-            1e6 * time_s(&without, Some(&known)),
-        );
     }
 }
