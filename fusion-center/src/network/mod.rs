@@ -238,15 +238,21 @@ pub fn combine(reference: &NodeId, nodes: &[NodeId], edges: &[Edge]) -> Vec<Grou
     combine_judged(reference, nodes, edges).groups
 }
 
-/// Solves every pair of nodes that may share targets, combines the poses, and refines each group of
-/// more than two from its points; a pair's own solution knows more of two nodes. The same problem gives the same bytes, whatever the number of threads.
+/// Each group of more than two nodes refined from its points; a pair's own solution knows more of
+/// two nodes.
+#[must_use]
+pub fn refined(problem: &SiteProblem, groups: Vec<Group>) -> Vec<Group> {
+    let of_points =
+        |group: Group| if group.nodes.len() < 3 { group } else { refine(problem, &group) };
+    groups.into_iter().map(of_points).collect()
+}
+
+/// Solves every pair of nodes that may share targets, combines the poses, and refines the groups. The same problem gives the same bytes, whatever the number of threads.
 #[must_use]
 pub fn solve_site(problem: &SiteProblem, solver: &dyn Solver) -> SiteSolution {
     let edges = pairs::solve_pairs(problem, solver);
     let nodes: Vec<NodeId> = problem.views.keys().cloned().collect();
     let Combined { groups, verdicts } = combine_judged(&problem.reference, &nodes, &edges);
-    let refined =
-        |group: Group| if group.nodes.len() < 3 { group } else { refine(problem, &group) };
-    let groups = groups.into_iter().map(refined).collect();
+    let groups = refined(problem, groups);
     SiteSolution { groups, edges, verdicts }
 }

@@ -46,7 +46,7 @@ use crate::fuse::{Sighting, fuse, place};
 use crate::gather::{Gather, KeptPoint, KeptSet, Life, Offer, Place};
 use inbox::Inbound;
 use monitor::{Monitor, Moved, Site};
-use network::Network;
+use network::{Network, site_problem};
 use outbox::Outbox;
 use pairs::Pairs;
 use poses::Poses;
@@ -196,13 +196,15 @@ impl Centre {
 
     fn combination(&mut self) -> Combination {
         let mut edges = self.pairs.edges();
-        for pin in self.poses.pins() {
+        let pins = self.poses.pins();
+        let problem = pins.is_empty().then(|| site_problem(&self.gather, &self.config.reference));
+        for pin in pins {
             edges.retain(|edge| (&edge.first, &edge.second) != (&pin.first, &pin.second));
             edges.push(pin);
         }
         let reference = self.config.reference.clone();
         let nodes = self.gather.nodes().map(|(node, _)| node.clone()).collect();
-        Combination { reference, nodes, edges, generation: self.network.start() }
+        Combination { reference, nodes, edges, problem, generation: self.network.start() }
     }
 
     fn on_delivery(&mut self, now: CentreTime, arrived: CentreTime, delivery: &Delivery) {

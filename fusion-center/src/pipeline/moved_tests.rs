@@ -173,8 +173,7 @@ impl Site {
                 }
                 Effect::Combine(combination) => {
                     let combination = *combination;
-                    let Combination { reference, nodes, edges, .. } = &combination;
-                    let groups = crate::network::combine(reference, nodes, edges);
+                    let groups = combination.groups();
                     Event::Combined(Box::new(Combined {
                         combination,
                         groups,

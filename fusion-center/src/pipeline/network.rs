@@ -8,7 +8,8 @@ use std::time::Duration;
 use proto::ids::NodeId;
 use proto::time::CentreTime;
 
-use crate::network::{Edge, Group};
+use crate::gather::{Gather, NodeHistory};
+use crate::network::{Edge, Group, NodeView, SeenSet, SiteProblem, combine, refined};
 
 /// Combining pauses this many times as long as it took.
 const PAUSE_FACTOR: u32 = 9;
@@ -22,7 +23,38 @@ pub struct Combination {
     pub nodes: Vec<NodeId>,
     /// The solutions in force.
     pub edges: Vec<Edge>,
+    /// What all nodes saw, to refine the poses from; `None` where a pinned pose must stay.
+    pub problem: Option<SiteProblem>,
     pub(super) generation: u64,
+}
+
+impl Combination {
+    /// The poses of all nodes.
+    #[must_use]
+    pub fn groups(&self) -> Vec<Group> {
+        let groups = combine(&self.reference, &self.nodes, &self.edges);
+        match &self.problem {
+            Some(problem) => refined(problem, groups),
+            None => groups,
+        }
+    }
+}
+
+/// What all nodes saw whose clocks are good.
+pub(super) fn site_problem(gather: &Gather, reference: &NodeId) -> SiteProblem {
+    let good = gather.nodes().filter(|(_, history)| gather.is_clock_good(history));
+    let views = good.map(|(node, history)| (node.clone(), view(history))).collect();
+    SiteProblem { reference: reference.clone(), views }
+}
+
+fn view(history: &NodeHistory) -> NodeView {
+    let mut view = NodeView::default();
+    for (period, set) in history.all_sets() {
+        view.half_depth_sigma_m = view.half_depth_sigma_m.max(set.half_depth_sigma_m);
+        let points = set.points.iter().map(|point| point.position).collect();
+        view.sets.insert(period, SeenSet { time_s: set.time.0 as f64 * 1e-9, points });
+    }
+    view
 }
 
 /// A combined [`Combination`].

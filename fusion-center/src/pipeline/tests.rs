@@ -208,8 +208,7 @@ fn stepped(deliveries: &[Delivery]) -> (Centre, Vec<u8>) {
                     effects.extend(centre.step(now, Event::Solved(Box::new(solved))));
                 }
                 Effect::Combine(combination) => {
-                    let Combination { reference, nodes, edges, .. } = &*combination;
-                    let groups = crate::network::combine(reference, nodes, edges);
+                    let groups = combination.groups();
                     let combination = *combination;
                     let combined = Combined { combination, groups, time: Duration::ZERO };
                     effects.extend(centre.step(now, Event::Combined(Box::new(combined))));

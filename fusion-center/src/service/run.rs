@@ -15,7 +15,6 @@ use tracing::{error, info, warn};
 
 use super::{Clock, state};
 use crate::config::CentreConfig;
-use crate::network::combine;
 use crate::pipeline::{Centre, Combination, Combined, Effect, Event, Job, Solved};
 use crate::registration::{Solver, build};
 
@@ -183,8 +182,7 @@ fn start_combining(combination: Combination, done: mpsc::Sender<Event>) {
     tokio::spawn(async move {
         let work = tokio::task::spawn_blocking(move || {
             let clock = Clock::start();
-            let Combination { reference, nodes, edges, .. } = &combination;
-            let groups = combine(reference, nodes, edges);
+            let groups = combination.groups();
             let time = clock.now().since(proto::time::CentreTime(0));
             Box::new(Combined { combination, groups, time })
         });
