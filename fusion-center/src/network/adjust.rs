@@ -56,7 +56,7 @@ pub(super) fn shares(node_count: usize, links: &[Link]) -> Vec<f64> {
 }
 
 /// The poses that fit the links best, from poses near them. `None` where the links leave a node
-/// undetermined.
+/// undetermined, or the steps do not come to rest.
 pub(super) fn adjust(start: &[Vector3<f64>], links: &[Link]) -> Option<Adjusted> {
     let shares = shares(start.len(), links);
     let information: Option<Vec<Matrix3<f64>>> = links
@@ -66,6 +66,7 @@ pub(super) fn adjust(start: &[Vector3<f64>], links: &[Link]) -> Option<Adjusted>
         .collect();
     let information = information?;
     let mut poses = start.to_vec();
+    let mut has_settled = false;
     for _ in 0..MAX_STEP_COUNT {
         let (normal, mut step) = equations(&poses, links, &information);
         normal.factor()?.solve(&mut step);
@@ -77,9 +78,13 @@ pub(super) fn adjust(start: &[Vector3<f64>], links: &[Link]) -> Option<Adjusted>
         if !largest.is_finite() {
             return None;
         }
-        if largest < CONVERGED {
+        has_settled = largest < CONVERGED;
+        if has_settled {
             break;
         }
+    }
+    if !has_settled {
+        return None;
     }
     let (normal, _) = equations(&poses, links, &information);
     let covariance = normal.factor()?.inverse();

@@ -195,6 +195,7 @@ impl Settled {
         self.consensus.tree = Tree::hang(&self.graph, &kept);
         let links: Vec<Link> = kept.iter().map(|index| self.link(*index)).collect();
         self.adjusted = adjust(&poses, &links);
+        self.chi_squares.fill(None);
         let Some(adjusted) = &self.adjusted else { return };
         self.consensus.tree.poses.clone_from(&adjusted.poses);
         let mut distances = links

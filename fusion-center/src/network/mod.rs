@@ -152,6 +152,11 @@ pub enum RefusedRefinement {
         /// Logarithm of the likelihood of the edges' poses less that of the refined ones.
         log_loss: f64,
     },
+    /// The points would tell less than the edges, which know the targets' motion too.
+    Vaguer {
+        /// Mean growth of the logarithm of the covariances' determinants.
+        log_growth: f64,
+    },
     /// A node moved farther than the edges allow.
     Moved {
         /// Squared distance in units of the edges' covariance.

@@ -37,6 +37,9 @@ const LENGTH_GATE_SIGMAS: f64 = 2.5;
 /// Comparisons of lengths per pair of nodes: periods are left out evenly beyond it.
 const MAX_COMPARISON_COUNT: usize = 6_000;
 
+/// Points of a set that are compared: what they cost grows with their fourth power.
+const MAX_POINT_COUNT: usize = 20;
+
 /// Standard deviations of a Poisson count by which a pair's fullest cell must exceed what its votes
 /// give on average near that heading. Pairs without common targets reach 2 to 4 of them.
 const MIN_PROMISE: f64 = 2.5;
@@ -109,7 +112,8 @@ fn points_of(view: &NodeView) -> BTreeMap<i64, Points> {
     let depth_m2 = view.half_depth_sigma_m.powi(2);
     let of_set = |set: &super::SeenSet| -> Points {
         let variance = |point: &proto::geom::Gaussian<_>| 0.5 * point.cov_m2.trace() + depth_m2;
-        set.points.iter().map(|point| (point.mean.coords_m, variance(point))).collect()
+        let some = set.points.iter().take(MAX_POINT_COUNT);
+        some.map(|point| (point.mean.coords_m, variance(point))).collect()
     };
     let by_period = view.sets.iter().map(|(period, set)| (*period, of_set(set)));
     by_period.filter(|(_, points)| !points.is_empty()).collect()

@@ -23,7 +23,7 @@ pub struct Answer {
     /// What was assumed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
-    /// Time for the whole problem, microseconds.
+    /// Time of all pairs of nodes together, microseconds.
     pub solve_us: f64,
 }
 
@@ -56,7 +56,7 @@ pub struct NodeAnswer {
     /// reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub evidence: Option<EvidenceJson>,
-    /// Time for the whole problem, microseconds.
+    /// Time of all pairs of nodes together, microseconds.
     pub solve_us: f64,
 }
 
@@ -76,8 +76,9 @@ pub struct PoseJson {
 pub struct RivalJson {
     /// The pose.
     pub pose_ref_from_node: PoseJson,
-    /// Natural logarithm of the best pose's odds against this one.
-    pub log_odds: f64,
+    /// Natural logarithm of the best pose's odds against this one; `None` where pairs of nodes
+    /// disagree, and not the points of one.
+    pub log_odds: Option<f64>,
 }
 
 /// A node's place in a group without the reference.
@@ -172,7 +173,9 @@ impl Answer {
         let notes = answer.missing.iter().cloned().chain(answer.rivals.iter().map(|rival| {
             let PoseJson { x_m, y_m, heading_rad } = rival.pose_ref_from_node;
             let turn = heading_rad.to_degrees();
-            format!("or {x_m:.2} {y_m:.2} {turn:.1}° (log odds {:.1})", rival.log_odds)
+            let odds =
+                rival.log_odds.map_or_else(String::new, |odds| format!(" (log odds {odds:.1})"));
+            format!("or {x_m:.2} {y_m:.2} {turn:.1}°{odds}")
         }));
         for note in notes {
             outcome = format!("{outcome}: {note}");
@@ -213,6 +216,11 @@ fn of_node(
         let via = placed.via.clone();
         return NodeAnswer { via, outcome: "determined", standing, ..open }.with(&placed.estimate);
     }
+    let of_reference = solution.groups.iter().find(|one| one.gauge == *reference);
+    let doubtful = of_reference.and_then(|one| one.doubtful.get(node));
+    if let (Some(likeliest), None) = (doubtful, edge) {
+        return open.doubtful(likeliest);
+    }
     let group = group.filter(|group| 1 < group.nodes.len());
     NodeAnswer {
         group: group.and_then(|group| of_group(group, node)),
@@ -227,6 +235,20 @@ impl NodeAnswer {
             covariance: Some(rows_of(&estimate.covariance)),
             ..self
         }
+    }
+
+    /// A node whose pairs with others disagree about its place.
+    fn doubtful(self, placed: &Placed) -> Self {
+        let rival = |pose: &Se2<Ref, Node>| RivalJson {
+            pose_ref_from_node: (*pose).into(),
+            log_odds: None,
+        };
+        let rivals = match &placed.standing {
+            Standing::Undecided { rivals } => rivals.iter().map(rival).collect(),
+            _ => Vec::new(),
+        };
+        let via = placed.via.clone();
+        Self { outcome: "ambiguous", rivals, via, ..self }.with(&placed.estimate)
     }
 
     /// The best that the pair with the reference tells.
@@ -258,7 +280,8 @@ impl NodeAnswer {
 
 impl From<&Rival> for RivalJson {
     fn from(rival: &Rival) -> Self {
-        Self { pose_ref_from_node: rival.pose_ref_from_node.into(), log_odds: rival.log_odds }
+        let log_odds = Some(rival.log_odds);
+        Self { pose_ref_from_node: rival.pose_ref_from_node.into(), log_odds }
     }
 }
 

@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -17,7 +18,7 @@ use super::Answer;
 use super::draw::{COLORS, Layer, picture};
 use super::input::{Asked, points_of, read_folder, read_problem};
 use crate::network::{SiteProblem, SiteSolution, solve_site};
-use crate::registration::Solver;
+use crate::registration::{Known, Problem, Solution, Solver};
 use crate::service::Clock;
 
 /// Problems read ahead: enough to keep all cores busy, few enough to hold.
@@ -89,7 +90,14 @@ pub fn register(
         output.take(&answers)?;
     }
     lines.bar.finish_and_clear();
-    output.finish()
+    output.finish()?;
+    if stop.is_cancelled() {
+        bail!(
+            "stopped before the end of {}: the answers so far are complete",
+            options.input.display()
+        );
+    }
+    Ok(())
 }
 
 fn of_line(options: &Options, solver: &dyn Solver, name: &str, line: &Line) -> Answered {
@@ -101,14 +109,35 @@ fn of_line(options: &Options, solver: &dyn Solver, name: &str, line: &Line) -> A
 }
 
 fn answer(options: &Options, solver: &dyn Solver, asked: Asked) -> anyhow::Result<Answer> {
-    let clock = Clock::start();
-    let start = clock.now();
-    let solution = solve_site(&asked.problem, solver);
-    let solve_us = clock.now().since(start).as_secs_f64() * 1e6;
+    let timed = Timed { solver, total_ns: AtomicU64::new(0) };
+    let solution = solve_site(&asked.problem, &timed);
+    let solve_us = timed.total_ns.into_inner() as f64 * 1e-3;
     if let Some(folder) = &options.figures {
         write_pictures(folder, &asked, &solution)?;
     }
     Ok(Answer::new(asked, &solution, solve_us))
+}
+
+/// A solver that adds up how long it takes: a thread that waits for one problem works at others, so
+/// the time from the start of a problem to its end would hold theirs.
+struct Timed<'a> {
+    solver: &'a dyn Solver,
+    total_ns: AtomicU64,
+}
+
+impl Solver for Timed<'_> {
+    fn name(&self) -> &'static str {
+        self.solver.name()
+    }
+
+    fn solve(&self, problem: &Problem, known: Option<&Known>) -> Solution {
+        let clock = Clock::start();
+        let start = clock.now();
+        let solution = self.solver.solve(problem, known);
+        let taken_ns = clock.now().since(start).as_nanos();
+        self.total_ns.fetch_add(u64::try_from(taken_ns).unwrap_or(u64::MAX), Ordering::Relaxed);
+        solution
+    }
 }
 
 /// Lines of the input with progress.

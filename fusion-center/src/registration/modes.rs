@@ -267,12 +267,24 @@ fn gauss_newton_step(fit: &Fit) -> Option<Vector3<f64>> {
     step.iter().all(|value| value.is_finite()).then_some(step)
 }
 
-/// Inverse of the observed information, `complete − lost` (Louis' formula); of the complete one
-/// where the loss leaves nothing positive definite.
+/// Most of the information that a direction may lose because the matching is not known.
+const MAX_LOST_SHARE: f64 = 0.9;
+
+/// Inverse of the observed information, `complete − lost` (Louis' formula). A direction that would
+/// lose nearly all keeps a tenth: the formula holds near a maximum only.
 fn covariance(fit: &Fit) -> Option<Matrix3<f64>> {
-    let observed = fit.complete - fit.lost;
-    let factor = Cholesky::new(observed).or_else(|| Cholesky::new(fit.complete))?;
-    let inverse = factor.inverse();
+    let root = Cholesky::new(fit.complete)?.l();
+    let half = root.solve_lower_triangular(&fit.lost)?;
+    let relative = root.solve_lower_triangular(&half.transpose())?;
+    let inverse = if relative.trace() < MAX_LOST_SHARE {
+        Cholesky::new(fit.complete - fit.lost)?.inverse()
+    } else {
+        let eigen = ((relative + relative.transpose()) * 0.5).symmetric_eigen();
+        let left = eigen.eigenvalues.map(|share| 1.0 / (1.0 - share.clamp(0.0, MAX_LOST_SHARE)));
+        let turn = eigen.eigenvectors;
+        let back = root.transpose().solve_upper_triangular(&turn)?;
+        back * Matrix3::from_diagonal(&left) * back.transpose()
+    };
     let symmetric = (inverse + inverse.transpose()) * 0.5;
     symmetric.iter().all(|value| value.is_finite()).then_some(symmetric)
 }

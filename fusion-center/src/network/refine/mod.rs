@@ -171,7 +171,19 @@ fn accepted(
             return Err(RefusedRefinement::Moved { chi_square });
         }
     }
-    Ok(fitted)
+    let log_growth = log_growth(site, group, &fitted);
+    if log_growth > 0.0 { Err(RefusedRefinement::Vaguer { log_growth }) } else { Ok(fitted) }
+}
+
+/// By how much the logarithm of the covariances' determinants grows, on average over the nodes.
+fn log_growth(site: &Site, group: &Group, fitted: &Fitted) -> f64 {
+    let of_node = |(node, name): (usize, &NodeId)| {
+        let before = group.nodes[name].estimate.covariance.determinant();
+        let after = fitted.placed(node).covariance.determinant();
+        (after / before).ln()
+    };
+    let growth = site.names.iter().enumerate().skip(1).map(of_node);
+    growth.sum::<f64>() / (site.names.len() - 1) as f64
 }
 
 impl State {

@@ -22,6 +22,9 @@ const AREA_OF_RECTANGLE: f64 = 12.0;
 /// Added to the spread of points, metres, so that points on a line still cover an area.
 const MIN_SPREAD_M: f64 = 0.5;
 
+/// Targets walk this fast, metres per second, between the times of two nodes' sets of one period.
+const WALK_M_PER_S: f64 = 1.0;
+
 /// Offsets along the line of sight that are known to this, metres, are known.
 const MIN_DEPTH_SIGMA_M: f64 = 1e-4;
 
@@ -47,6 +50,26 @@ impl SitePoint {
     }
 }
 
+impl SitePoint {
+    /// The point as seen when its target may have walked this far in any direction.
+    fn later(self, walked_m: f64) -> Self {
+        Self { cov: self.cov + Matrix2::identity() * walked_m.powi(2), ..self }
+    }
+}
+
+/// The mean time of the named nodes' sets of each period, seconds.
+fn middles_s(problem: &SiteProblem, names: &[&NodeId]) -> BTreeMap<i64, f64> {
+    let mut sums: BTreeMap<i64, (f64, f64)> = BTreeMap::new();
+    for view in names.iter().filter_map(|name| problem.views.get(*name)) {
+        for (period, set) in &view.sets {
+            let (sum, count) = sums.entry(*period).or_default();
+            *sum += set.time_s;
+            *count += 1.0;
+        }
+    }
+    sums.into_iter().map(|(period, (sum, count))| (period, sum / count)).collect()
+}
+
 /// The points of all nodes, period by period.
 #[derive(Clone, Debug)]
 pub(super) struct Site {
@@ -63,6 +86,7 @@ pub(super) struct Site {
 impl Site {
     /// The points of the named nodes.
     pub(super) fn new(problem: &SiteProblem, names: &[&NodeId]) -> Self {
+        let middles_s = middles_s(problem, names);
         let mut by_period: BTreeMap<i64, Vec<SitePoint>> = BTreeMap::new();
         let mut depth_sigmas_m = Vec::new();
         for (node, name) in names.iter().enumerate() {
@@ -73,8 +97,10 @@ impl Site {
             let sigma_m = view.half_depth_sigma_m;
             depth_sigmas_m.push((sigma_m > MIN_DEPTH_SIGMA_M).then_some(sigma_m));
             for (period, set) in &view.sets {
+                let walked_m = WALK_M_PER_S * (set.time_s - middles_s[period]).abs();
                 let usable = set.points.iter().filter_map(|point| SitePoint::usable(node, point));
-                by_period.entry(*period).or_default().extend(usable);
+                let moving = usable.map(|point| point.later(walked_m));
+                by_period.entry(*period).or_default().extend(moving);
             }
         }
         let (mut points, mut periods) = (Vec::new(), Vec::new());

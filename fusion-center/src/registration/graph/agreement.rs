@@ -50,13 +50,14 @@ pub(super) struct Agreement<'a> {
 }
 
 impl<'a> Agreement<'a> {
-    /// The candidates of as many evenly spaced periods as the limit admits, at least one.
+    /// The candidates of as many evenly spaced periods as the limit admits, at least one, of which
+    /// the first points count where even one has too many.
     pub(super) fn new(data: &Prepared, config: &'a GraphConfig) -> Self {
         let given: usize = data.spans.iter().map(Span::pair_count).sum();
         let stride = given.div_ceil(config.max_candidate_count.max(1)).max(1);
         let (mut groups, mut candidates) = (Vec::new(), Vec::new());
         for span_index in (0..data.spans.len()).step_by(stride) {
-            let span = &data.spans[span_index];
+            let span = &within(&data.spans[span_index], config.max_candidate_count);
             let start = candidates.len();
             candidates.extend(candidates_of(span, groups.len()));
             let common_count = common_count(span, config);
@@ -203,6 +204,14 @@ struct Exchange {
 fn common_count(span: &Span, config: &GraphConfig) -> usize {
     let fewer = span.refs.len().min(span.nodes.len());
     if config.common_count == 0 { fewer } else { config.common_count.min(fewer) }
+}
+
+/// The first points of both sides, where all pairs of them are more than `limit`.
+fn within(span: &Span, limit: usize) -> Span {
+    let side = limit.isqrt().max(1);
+    let cut = |points: &Range<usize>| points.start..points.end.min(points.start + side);
+    let (refs, nodes) = (cut(&span.refs), cut(&span.nodes));
+    if span.pair_count() <= limit { span.clone() } else { Span { refs, nodes, ..span.clone() } }
 }
 
 fn candidates_of(span: &Span, group: usize) -> impl Iterator<Item = Candidate> {
