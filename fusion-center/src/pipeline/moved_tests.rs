@@ -275,6 +275,17 @@ fn moved(seed: u64, people: usize, which: usize, shove: Se2<Node, Node>) -> Cour
     course
 }
 
+#[test]
+fn a_node_that_was_carried_away_is_noticed_though_nothing_meets() {
+    let far = Se2::new(1.5, 1.0, 60.0_f64.to_radians());
+    for (seed, which) in [(31, 1), (32, 2), (33, 0)] {
+        let Course { suspect_after, right_after, others } = moved(seed, 3, which, far);
+        assert!(suspect_after.is_some_and(|after| after <= 20), "{seed}: {suspect_after:?}");
+        assert!(right_after.is_some_and(|after| after <= 60), "{seed}: {right_after:?}");
+        assert!(which == 0 || others == 0, "{seed}");
+    }
+}
+
 fn shoves() -> [Se2<Node, Node>; 3] {
     [Se2::new(0.15, 0.0, 0.0), Se2::new(0.0, 0.15, 0.0), Se2::new(0.0, 0.0, 3.0_f64.to_radians())]
 }

@@ -104,9 +104,11 @@ impl Standing {
         let suspected = Se2::new(at_m.x + shift_x_m, at_m.y + shift_y_m, heading_rad);
         let to_old = new.distance(&old.pose, &old.covariance);
         let to_suspected = new.distance(&suspected, &old.covariance);
+        // Points that had lost their partners do not tell where to; fresh ones that agree suffice.
+        let is_unknown = shift_x_m.abs() + shift_y_m.abs() + turn_rad.abs() <= 0.0;
         if CONFIRMATION_GATE < to_old || !old.is_clearer_than(new) {
             Fresh::Replace
-        } else if to_old + CONFIRMATION_LEAD <= to_suspected {
+        } else if is_unknown || to_old + CONFIRMATION_LEAD <= to_suspected {
             Fresh::Confirm
         } else {
             Fresh::Undecided

@@ -37,7 +37,7 @@ impl Blame {
             pair_count += 1;
             for node in [&pair.first, &pair.second] {
                 let (alarms, quiet) = scores.entry(node).or_default();
-                *alarms += i64::from(matches!(verdict, Verdict::Alarm(_)));
+                *alarms += i64::from(matches!(verdict, Verdict::Alarm(_) | Verdict::Lost(_)));
                 *quiet += i64::from(matches!(verdict, Verdict::Quiet));
             }
         }

@@ -12,6 +12,7 @@
 
 mod blame;
 mod fit;
+mod lost;
 
 use std::collections::BTreeMap;
 
@@ -25,6 +26,7 @@ use crate::config::MonitorConfig;
 use crate::gather::{Gather, KeptSet};
 use blame::Blame;
 use fit::{Candidate, Correction, Prior, Sighted, Weighted};
+use lost::Met;
 
 /// Part of the window that is looked at by itself too, so that a large move shows sooner.
 const SHORT_SHARE: f64 = 0.4;
@@ -70,7 +72,8 @@ pub(super) struct Moved {
     pub(super) node: NodeId,
     /// First period of the new pose, as far as can be told.
     pub(super) began: i64,
-    /// `(x_m, y_m, heading_rad)` in `Ref`: what would make its points meet the others' again.
+    /// `(x_m, y_m, heading_rad)` in `Ref`: what would make its points meet the others' again; zero
+    /// where that cannot be told.
     pub(super) correction: Vector3<f64>,
     pub(super) chi_square: f64,
 }
@@ -84,6 +87,8 @@ enum Verdict {
     Quiet,
     /// The pair disagrees by this correction of the second's pose.
     Alarm(Correction),
+    /// Next to nothing meets any more; this is the chi-square of the loss.
+    Lost(f64),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -179,7 +184,10 @@ impl Monitor {
         let fit = |of: &[Sighted]| Weighted::new(of, sigma_m).fit(&prior);
         let whole = fit(&seen);
         let short = fit(&seen[first_recent..]);
-        let verdict = self.verdict(whole, short);
+        let met = site.met(pair, first, period);
+        let loss =
+            lost::loss(&met, period - recent).filter(|loss| self.config.min_chi_square <= *loss);
+        let verdict = loss.map_or_else(|| self.verdict(whole, short), Verdict::Lost);
         let newest = Weighted::new(&seen, sigma_m);
         let in_force = Prior { inflation: 1.0, ..in_force };
         let learned = self.learned(&watch, (&before, &newest, &in_force), (whole, period));
@@ -239,6 +247,13 @@ impl Monitor {
         let mut gains: BTreeMap<i64, f64> = BTreeMap::new();
         let mut worst: Option<(f64, Vector3<f64>)> = None;
         for (pair, watch) in alarms {
+            if let Verdict::Lost(loss) = watch.verdict {
+                let met = site.met(pair, period - 2 * self.window(), period);
+                // How far it was moved cannot be told from points that no longer meet.
+                let correction = Vector3::zeros();
+                let (node, began) = (node.clone(), lost::began(&met)?);
+                return Some(Moved { node, began, correction, chi_square: loss });
+            }
             let Verdict::Alarm(alarm) = watch.verdict else { continue };
             let seen = site.seen(pair, period - 2 * self.window(), period, self.config.gate_m);
             let (_, sigma_m) = site.prior(pair, period, watch.inflation)?;
@@ -294,6 +309,21 @@ impl Site<'_> {
             }));
         }
         seen
+    }
+
+    /// How many points of both met in the periods `after < period <= last`.
+    fn met(&self, pair: &Pair, after: i64, last: i64) -> Vec<Met> {
+        let Some((one, other)) = self.both(pair) else { return Vec::new() };
+        let history = |node: &NodeId| self.gather.node(node);
+        let (Some(first), Some(second)) = (history(&pair.first), history(&pair.second)) else {
+            return Vec::new();
+        };
+        let sets = second.sets().range(after.saturating_add(1)..=last);
+        let common =
+            sets.filter_map(|(period, set)| Some((*period, first.sets().get(period)?, set)));
+        common
+            .map(|(period, opposite, set)| lost::met(period, (one, opposite), (other, set)))
+            .collect()
     }
 
     fn both(&self, pair: &Pair) -> Option<(&Placement, &Placement)> {
