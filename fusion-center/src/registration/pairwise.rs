@@ -156,7 +156,10 @@ impl Pairwise {
         let pose = estimate.pose_ref_from_node;
         let best = modes.iter().find(|mode| mode.motion.pose() == pose);
         let Some(best) = best else { return solution };
-        let Some(fit) = joined(problem, data, (best, &estimate)) else { return solution };
+        let inflation = solution.evidence.covariance_inflation;
+        let Some(fit) = joined(problem, data, (best, &estimate, inflation)) else {
+            return solution;
+        };
         solution.estimate = Some(fit.estimate);
         solution.evidence.covariance_inflation = fit.covariance_inflation;
         if let Some(missing) = too_wide(data, best, &fit.estimate.covariance, &self.decision) {

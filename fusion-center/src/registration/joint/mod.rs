@@ -46,6 +46,10 @@ const NEW_TRACKS_SIGMAS: f64 = 3.0;
 /// So does a factor on the covariances that was too large by this factor.
 const NEW_TRACKS_SCALE: f64 = 1.3;
 
+/// Part of a point's typical error up to which the ways of targets between the times of both sides
+/// leave the pairs' residuals as they are.
+const NEGLIGIBLE_WALK: f64 = 0.3;
+
 /// Share of the points in tracks that must be in established ones: targets that turn up anew in
 /// every period have no tracks but by chance.
 const MIN_ESTABLISHED_SHARE: f64 = 0.5;
@@ -62,12 +66,12 @@ pub(super) struct Joined {
     pub(super) covariance_inflation: f64,
 }
 
-/// The joint fit from the best mode, whose published estimate is `pairwise`; `None` where that must
-/// stay.
+/// The joint fit from the best mode, whose published estimate is `pairwise`, its covariance widened
+/// by `pairwise_inflation`; `None` where that must stay.
 pub(super) fn joined(
     problem: &Problem,
     data: &Prepared,
-    (mode, pairwise): (&Mode, &PoseEstimate),
+    (mode, pairwise, pairwise_inflation): (&Mode, &PoseEstimate, f64),
 ) -> Option<Joined> {
     let scans = Scans::new(problem);
     if scans.duration_s() <= 0.0 {
@@ -75,9 +79,9 @@ pub(super) fn joined(
     }
     let moved = moved_between(problem, data);
     // Residuals of pairs that were not seen at once hold the targets' motion too.
-    let is_at_once = moved.trace() <= 0.0;
-    let pairwise_scale = mode.covariance_scale * mode.residual_ratio();
-    let least_inflation = if is_at_once { pairwise_scale } else { 1.0 };
+    let walked_m = moved_variance_m2(problem).sqrt();
+    let is_at_once = walked_m < NEGLIGIBLE_WALK * data.typical_sigma_m;
+    let least_inflation = if is_at_once { pairwise_inflation } else { 1.0 };
     let has_offsets = problem.ref_half_depth_sigma_m > 0.0 || problem.node_half_depth_sigma_m > 0.0;
     let start = PoseEstimate { covariance: pairwise.covariance + moved, ..*pairwise };
     let density = scans.points.len() as f64 / (scans.scans.len() as f64 * data.area_m2);
@@ -110,12 +114,17 @@ pub(super) fn joined(
     None
 }
 
+/// Mean square way of targets between the times of the two sides.
+fn moved_variance_m2(problem: &Problem) -> f64 {
+    let square = |period: &Period| (period.node_time_s - period.ref_time_s).powi(2);
+    let mean = problem.periods.iter().map(square).sum::<f64>() / problem.periods.len() as f64;
+    mean * VELOCITY_SIGMA_MPS.powi(2)
+}
+
 /// Covariance of the pose `(x, y, heading)` because targets move between the times of the two
 /// sides, which the pairwise pose neglects.
 fn moved_between(problem: &Problem, data: &Prepared) -> Matrix3<f64> {
-    let square = |period: &Period| (period.node_time_s - period.ref_time_s).powi(2);
-    let mean = problem.periods.iter().map(square).sum::<f64>() / problem.periods.len() as f64;
-    let variance_m2 = mean * VELOCITY_SIGMA_MPS.powi(2);
+    let variance_m2 = moved_variance_m2(problem);
     let lever_m2 = data.node_spread_m.powi(2).max(1.0);
     let center = data.node_center_m.norm_squared();
     let heading = variance_m2 / lever_m2;

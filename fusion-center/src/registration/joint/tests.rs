@@ -213,28 +213,28 @@ fn tracks_are_the_targets_of_the_scene() {
 fn points_scattered_anew_or_without_time_have_no_joint_fit() {
     let scattered = large_room(2, 60);
     let (data, mode, estimate) = start(&scattered);
-    assert!(joined(&scattered.problem, &data, (&mode, &estimate)).is_none());
+    assert!(joined(&scattered.problem, &data, (&mode, &estimate, 1.0)).is_none());
     let mut case = trial(&Conditions::MISSES, 4);
     let (paper_data, paper_mode, paper_estimate) = start(&case);
-    assert!(joined(&case.problem, &paper_data, (&paper_mode, &paper_estimate)).is_some());
+    assert!(joined(&case.problem, &paper_data, (&paper_mode, &paper_estimate, 1.0)).is_some());
     for period in &mut case.problem.periods {
         (period.ref_time_s, period.node_time_s) = (3.0, 3.0);
     }
-    assert!(joined(&case.problem, &paper_data, (&paper_mode, &paper_estimate)).is_none());
+    assert!(joined(&case.problem, &paper_data, (&paper_mode, &paper_estimate, 1.0)).is_none());
 }
 
 #[test]
 fn a_pose_that_the_pairwise_one_excludes_is_no_answer() {
     let case = trial(&Conditions::CLEAN, 6);
     let (data, mode, estimate) = start(&case);
-    let good = joined(&case.problem, &data, (&mode, &estimate)).unwrap();
+    let good = joined(&case.problem, &data, (&mode, &estimate, 1.0)).unwrap();
     let pose = &estimate.pose_ref_from_node;
     let shift = pose.translation_m();
     let elsewhere = PoseEstimate {
         pose_ref_from_node: Motion::new(shift.x + 1.0, shift.y, pose.heading_rad()).pose(),
         ..estimate
     };
-    assert!(joined(&case.problem, &data, (&mode, &elsewhere)).is_none());
+    assert!(joined(&case.problem, &data, (&mode, &elsewhere, 1.0)).is_none());
     assert!((good.covariance_inflation - 1.0).abs() < f64::EPSILON);
 }
 
@@ -250,7 +250,7 @@ fn points_of_periods_that_one_side_missed_sharpen_the_pose() {
     }
     let (data, mode, estimate) = start(&case);
     let spread = |problem: &Problem| {
-        let joint = joined(problem, &data, (&mode, &estimate)).unwrap();
+        let joint = joined(problem, &data, (&mode, &estimate, 1.0)).unwrap();
         joint.estimate.covariance.determinant()
     };
     let all = spread(&case.problem);
