@@ -243,13 +243,30 @@ pub fn combine(reference: &NodeId, nodes: &[NodeId], edges: &[Edge]) -> Vec<Grou
     combine_judged(reference, nodes, edges).groups
 }
 
+/// Most by which variances may fall below those of the solved edges together: all points together
+/// tell more than pairs do by themselves, but errors that last, which pairs are searched for, do not
+/// average out among nodes.
+const MAX_GAIN: f64 = 2.0;
+
 /// Each group of more than two nodes refined from its points; a pair's own solution knows more of
 /// two nodes.
 #[must_use]
 pub fn refined(problem: &SiteProblem, groups: Vec<Group>) -> Vec<Group> {
-    let of_points =
-        |group: Group| if group.nodes.len() < 3 { group } else { refine(problem, &group) };
+    let of_points = |group: Group| {
+        if group.nodes.len() < 3 { group } else { sober(&group, refine(problem, &group)) }
+    };
     groups.into_iter().map(of_points).collect()
+}
+
+/// `after` with no covariance much smaller than `before`.
+fn sober(before: &Group, mut after: Group) -> Group {
+    for (name, placed) in &mut after.nodes {
+        let covariance = &mut placed.estimate.covariance;
+        let of_edges = before.nodes[name].estimate.covariance.determinant();
+        let ratio = of_edges / covariance.determinant();
+        *covariance *= if ratio.is_finite() { (ratio.cbrt() / MAX_GAIN).max(1.0) } else { 1.0 };
+    }
+    after
 }
 
 /// Solves every pair of nodes that may share targets, combines the poses, and refines the groups. The same problem gives the same bytes, whatever the number of threads.

@@ -181,6 +181,7 @@ impl Answer {
             outcome = format!("{outcome}: {note}");
         }
         let id = self.id.as_str().map_or_else(|| self.id.to_string(), ToOwned::to_owned);
+        let id = id.escape_debug().to_string();
         vec![id, node.to_string(), pose, sigmas, matched.to_string(), outcome]
     }
 }

@@ -6,9 +6,9 @@ use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
-use proto::geom::{Gaussian, Node};
+use proto::geom::{Gaussian, Node, principal_axes};
 use proto::ids::NodeId;
-use proto::measured::MeasuredPoint;
+use proto::measured::{MeasuredPoint, symmetric};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
@@ -17,6 +17,9 @@ use crate::network::{NodeView, SeenSet, SiteProblem};
 
 /// Largest coordinate, metres: farther out is no radar measurement.
 const MAX_COORDINATE_M: f64 = 1e5;
+
+/// Standard deviations in any direction that a measured point may have, metres.
+const SIGMAS_M: std::ops::RangeInclusive<f64> = 1e-4..=300.0;
 
 /// Share of the time between periods by which the sets of one period may lie apart and still be
 /// taken by one clock.
@@ -52,6 +55,14 @@ pub enum InputError {
         /// What is wrong, and where in the line.
         source: serde_json::Error,
     },
+    /// A file of the other kind.
+    #[error("{place}: {complaint}")]
+    Kind {
+        /// File and line.
+        place: String,
+        /// What it is, and what to do.
+        complaint: &'static str,
+    },
     /// A value makes no sense.
     #[error("{place}: {field} {complaint}")]
     Value {
@@ -73,7 +84,10 @@ pub enum InputError {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a problem: {\"id\", \"reference\", \"sets\"}, one per line"
+)]
 struct ProblemLine {
     id: serde_json::Value,
     reference: NodeId,
@@ -82,7 +96,7 @@ struct ProblemLine {
 
 /// One node's points of one period; the line that agents and `node-agent process` write.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a set: {\"node\", \"period\", \"time_s\", \"points\"}")]
 struct SetLine {
     node: NodeId,
     period: i64,
@@ -115,7 +129,13 @@ struct PointLine {
 /// # Errors
 /// If the line is not a problem, with the field that is wrong.
 pub fn read_problem(place: &str, line: &str) -> Result<Asked, InputError> {
-    let ProblemLine { id, reference, sets } = parse(place, line)?;
+    let parsed = parse(place, line);
+    if parsed.is_err() && serde_json::from_str::<SetLine>(line).is_ok() {
+        let complaint =
+            "a set of points, not a problem: name its folder to register all nodes in it";
+        return Err(InputError::Kind { place: place.to_owned(), complaint });
+    }
+    let ProblemLine { id, reference, sets } = parsed?;
     if !(id.is_string() || id.is_number()) {
         return Err(invalid(place, "id", "is neither text nor a number: give it a name"));
     }
@@ -153,7 +173,11 @@ pub fn read_folder(folder: &Path, reference: Option<NodeId>) -> Result<Asked, In
 }
 
 fn parse<'a, T: Deserialize<'a>>(place: &str, line: &'a str) -> Result<T, InputError> {
-    serde_json::from_str(line)
+    if line.starts_with("\u{1f}\u{fffd}") || line.starts_with("PK\u{3}") {
+        let complaint = "a compressed file: unpack it first";
+        return Err(InputError::Kind { place: place.to_owned(), complaint });
+    }
+    serde_json::from_str(line.trim_start_matches('\u{feff}'))
         .map_err(|source| InputError::Parse { place: place.to_owned(), source })
 }
 
@@ -195,11 +219,15 @@ impl Views {
     fn take_file(&mut self, path: &Path) -> Result<(), InputError> {
         let failed = |source| InputError::Read { path: path.to_owned(), source };
         let mut input = BufReader::new(File::open(path).map_err(failed)?);
-        let mut line = String::new();
+        let mut bytes = Vec::new();
         for number in 1_u64.. {
-            line.clear();
-            if input.read_line(&mut line).map_err(failed)? == 0 {
+            bytes.clear();
+            if input.read_until(b'\n', &mut bytes).map_err(failed)? == 0 {
                 break;
+            }
+            let line = String::from_utf8_lossy(&bytes);
+            if line.trim().is_empty() {
+                continue;
             }
             let place = format!("{}, line {number}", path.display());
             match parse(&place, &line) {
@@ -208,6 +236,10 @@ impl Views {
                     if source.is_eof() && !line.ends_with('\n') =>
                 {
                     self.warnings.push(format!("{place}: cut short, left out"));
+                }
+                Err(_) if serde_json::from_str::<ProblemLine>(&line).is_ok() => {
+                    let complaint = "a problem, not a set of points: name the file, not its folder";
+                    return Err(InputError::Kind { place, complaint });
                 }
                 Err(error) => return Err(error),
             }
@@ -258,9 +290,13 @@ impl Views {
         let first = self.views.keys().next().cloned();
         let Some(reference) = reference.or(first).filter(|node| self.views.contains_key(node))
         else {
-            let complaint = format!("has no sets; nodes with sets: {}", known.join(", "));
+            let with_sets = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            let complaint = format!("has no sets; nodes with sets: {with_sets}");
             return Err(invalid(place, "reference", &complaint));
         };
+        if known.len() == 1 {
+            self.warnings.push(format!("only {reference} has sets: nothing to register"));
+        }
         self.warnings.extend(on_one_clock(&reference, &mut self.views));
         let problem = SiteProblem { reference, views: self.views };
         Ok(Asked { id, problem, warnings: self.warnings })
@@ -271,12 +307,20 @@ impl Views {
 fn placed(line: &PointLine, half_depth_m: f64) -> Result<Gaussian<Node>, (&'static str, String)> {
     for (name, value) in [("x_m", line.x_m), ("y_m", line.y_m)] {
         if value.abs() > MAX_COORDINATE_M {
-            return Err((name, format!("is {value}: no radar sees that far")));
+            return Err((name, format!("is {value:e}: no radar sees that far")));
         }
     }
     let [xx, xy, yy] = line.cov_m2;
     if !(xx > 0.0 && yy > 0.0 && xx * yy > xy * xy) {
-        return Err(("cov_m2", format!("[{xx}, {xy}, {yy}] is no positive definite [xx, xy, yy]")));
+        let complaint = format!("[{xx:e}, {xy:e}, {yy:e}] is no positive definite [xx, xy, yy]");
+        return Err(("cov_m2", complaint));
+    }
+    let (major_m, minor_m, _) = principal_axes(&symmetric(line.cov_m2));
+    if !(SIGMAS_M.contains(&minor_m) && SIGMAS_M.contains(&major_m)) {
+        let complaint = format!(
+            "means standard deviations of {minor_m:.1e} and {major_m:.1e} m: 1e-4 to 300 m are usable"
+        );
+        return Err(("cov_m2", complaint));
     }
     let point = MeasuredPoint {
         x_m: line.x_m,
@@ -302,7 +346,7 @@ fn on_one_clock(reference: &NodeId, views: &mut BTreeMap<NodeId, NodeView>) -> V
     let mut steps: Vec<f64> = common
         .iter()
         .zip(common.iter().skip(1))
-        .map(|((before, from), (after, to))| (to - from).abs() / (after - before) as f64)
+        .map(|((before, from), (after, to))| (to - from).abs() / (*after as f64 - *before as f64))
         .collect();
     let tolerance_s = SAME_CLOCK_SHARE * median(&mut steps);
     let mut assumed = Vec::new();
@@ -364,8 +408,8 @@ mod tests {
                 "reference has no sets; nodes with sets: n1, n2",
             ),
             ("\"period\":1", "\"period\":0", "sets[2].period is 0, which node n1 already had"),
-            ("[0.01,0.0,0.02]", "[0.01,0.1,0.02]", "sets[0].points[0].cov_m2 [0.01, 0.1, 0.02]"),
-            ("\"x_m\":3.0", "\"x_m\":3e7", "sets[0].points[0].x_m is 30000000"),
+            ("[0.01,0.0,0.02]", "[0.01,0.1,0.02]", "sets[0].points[0].cov_m2 [1e-2, 1e-1, 2e-2]"),
+            ("\"x_m\":3.0", "\"x_m\":3e7", "sets[0].points[0].x_m is 3e7"),
             (
                 "\"half_depth_m\":0.1",
                 "\"half_depth_m\":-1",

@@ -1,5 +1,6 @@
 //! From an input to answers: problems in parallel, answers in order.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -23,6 +24,8 @@ use crate::service::Clock;
 
 /// Problems read ahead: enough to keep all cores busy, few enough to hold.
 const BATCH_COUNT: usize = 256;
+/// Longest part of a problem's name in that of a file.
+const LONGEST_NAME: usize = 100;
 /// A batch ends early at this size, bytes.
 const BATCH_BYTES: usize = 1 << 24;
 /// Longest line, bytes: a thousand nodes with a thousand periods of several points.
@@ -54,7 +57,13 @@ struct Line {
     text: String,
 }
 
-type Answered = Result<Answer, Failed>;
+/// An answer with its pictures, by part.
+struct Drawn {
+    answer: Answer,
+    pictures: Vec<(&'static str, String)>,
+}
+
+type Answered = Result<Drawn, Failed>;
 
 /// Registers every problem of the input and prints the answers.
 ///
@@ -69,7 +78,8 @@ pub fn register(
         std::fs::create_dir_all(folder)
             .with_context(|| format!("creating --figures {}", folder.display()))?;
     }
-    let mut output = Output { json: options.json, ..Output::default() };
+    let figures = options.figures.clone();
+    let mut output = Output { json: options.json, figures, ..Output::default() };
     if options.input.is_dir() {
         let asked = read_folder(&options.input, options.reference.clone())?;
         output.take(&[Ok(answer(options, solver, asked)?)])?;
@@ -108,14 +118,13 @@ fn of_line(options: &Options, solver: &dyn Solver, name: &str, line: &Line) -> A
     answered.map_err(|error| Failed { line: number, error: process::explained(&error) })
 }
 
-fn answer(options: &Options, solver: &dyn Solver, asked: Asked) -> anyhow::Result<Answer> {
+fn answer(options: &Options, solver: &dyn Solver, asked: Asked) -> anyhow::Result<Drawn> {
     let timed = Timed { solver, total_ns: AtomicU64::new(0) };
     let solution = solve_site(&asked.problem, &timed);
     let solve_us = timed.total_ns.into_inner() as f64 * 1e-3;
-    if let Some(folder) = &options.figures {
-        write_pictures(folder, &asked, &solution)?;
-    }
-    Ok(Answer::new(asked, &solution, solve_us))
+    let is_wanted = options.figures.is_some();
+    let pictures = if is_wanted { pictures(&asked, &solution)? } else { Vec::new() };
+    Ok(Drawn { answer: Answer::new(asked, &solution, solve_us), pictures })
 }
 
 /// A solver that adds up how long it takes: a thread that waits for one problem works at others, so
@@ -200,8 +209,11 @@ impl Lines {
 #[derive(Default)]
 struct Output {
     json: bool,
+    figures: Option<PathBuf>,
+    file_names: BTreeSet<String>,
     rows: Vec<Vec<String>>,
     failed: Vec<String>,
+    undrawn: Vec<String>,
     count: usize,
 }
 
@@ -212,18 +224,33 @@ impl Output {
         for answered in answers {
             if self.json {
                 match answered {
-                    Ok(answer) => serde_json::to_writer(&mut text, answer)?,
+                    Ok(drawn) => serde_json::to_writer(&mut text, &drawn.answer)?,
                     Err(failed) => serde_json::to_writer(&mut text, failed)?,
                 }
                 text.write_all(b"\n")?;
-            } else if let Ok(answer) = answered {
+            } else if let Ok(Drawn { answer, .. }) = answered {
                 self.rows.extend(answer.rows());
                 answer.warn();
             }
+            self.draw(answered);
         }
         let errors = answers.iter().filter_map(|answered| answered.as_ref().err());
         self.failed.extend(errors.map(|failed| failed.error.clone()));
         process::print(&String::from_utf8_lossy(&text))
+    }
+
+    /// Writes the pictures of an answer; one that cannot be written costs that picture only.
+    fn draw(&mut self, answered: &Answered) {
+        let (Some(folder), Ok(Drawn { answer, pictures })) = (&self.figures, answered) else {
+            return;
+        };
+        let name = file_name(&answer.id, &mut self.file_names);
+        for (part, svg) in pictures {
+            let path = folder.join(format!("{name}.{part}.svg"));
+            if let Err(error) = std::fs::write(&path, svg) {
+                self.undrawn.push(format!("writing {}: {error}", path.display()));
+            }
+        }
     }
 
     fn finish(self) -> anyhow::Result<()> {
@@ -234,6 +261,12 @@ impl Output {
             table.add_rows(self.rows);
             process::print(&format!("{table}\n"))?;
         }
+        if self.count == 0 {
+            bail!("the input holds no problem: one JSON object per line is expected");
+        }
+        if let (Some(first), true) = (self.undrawn.first(), self.failed.is_empty()) {
+            bail!("{} pictures could not be written; the first: {first}", self.undrawn.len());
+        }
         let Some(first) = self.failed.first() else { return Ok(()) };
         bail!(
             "{} of {} problems could not be read; the first: {first}",
@@ -243,21 +276,34 @@ impl Output {
     }
 }
 
-/// `ID.before.svg`: every node's points in its own frame; `ID.after.svg`: those of the nodes that
-/// were registered, in the reference's.
-fn write_pictures(folder: &Path, asked: &Asked, solution: &SiteSolution) -> anyhow::Result<()> {
-    let id = asked.id.as_str().map_or_else(|| asked.id.to_string(), ToOwned::to_owned);
-    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
-    let name: String = id.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
-    for (part, layers) in
-        [("before", before(&asked.problem)), ("after", after(&asked.problem, solution))]
-    {
-        let path = folder.join(format!("{name}.{part}.svg"));
+/// Part `before`: every node's points in its own frame; part `after`: those of the nodes that were
+/// registered, in the reference's.
+fn pictures(asked: &Asked, solution: &SiteSolution) -> anyhow::Result<Vec<(&'static str, String)>> {
+    let id = shown(&asked.id);
+    let parts = [("before", before(&asked.problem)), ("after", after(&asked.problem, solution))];
+    let draw = |(part, layers): (&'static str, Vec<Layer>)| {
         let svg = picture(&format!("{id}: {part} registration"), &layers)
-            .map_err(|error| anyhow::anyhow!("drawing {}: {error}", path.display()))?;
-        std::fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
-    }
-    Ok(())
+            .map_err(|error| anyhow::anyhow!("drawing {id}: {error}"))?;
+        Ok((part, svg))
+    };
+    parts.into_iter().map(draw).collect()
+}
+
+fn shown(id: &serde_json::Value) -> String {
+    id.as_str().map_or_else(|| id.to_string(), ToOwned::to_owned)
+}
+
+/// A file name for a problem: its id without what file systems dislike, numbered where two are alike.
+fn file_name(id: &serde_json::Value, used: &mut BTreeSet<String>) -> String {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+    let id = shown(id);
+    let plain = id.chars().map(|c| if is_plain(c) { c } else { '_' });
+    let name: String = plain.take(LONGEST_NAME).collect();
+    let numbered = (2_u64..).map(|number| format!("{name}-{number}"));
+    let free = std::iter::once(name.clone()).chain(numbered).find(|name| !used.contains(name));
+    let free = free.unwrap_or(name);
+    used.insert(free.clone());
+    free
 }
 
 fn before(problem: &SiteProblem) -> Vec<Layer> {
