@@ -124,7 +124,7 @@ impl Solver for Pairwise {
         });
         let conclude =
             |modes: &[Mode]| decide_among(&data, modes, problem.periods.len(), &self.decision);
-        let (next, modes, mut solution) = if let Some((next, modes)) = resumed {
+        let (next, modes, pairwise) = if let Some((next, modes)) = resumed {
             let solution = conclude(&modes);
             (next, modes, solution)
         } else {
@@ -132,8 +132,9 @@ impl Solver for Pairwise {
             let (modes, solution) = confirmed(&data, found, &self.goal(&data), conclude);
             (Known::searched(&data, &modes), modes, solution)
         };
+        let mut solution = self.with_joint_fit(pairwise, problem, (&data, &modes));
         solution.known = next.with_outcome(&solution.outcome);
-        self.with_joint_fit(solution, problem, (&data, &modes))
+        solution
     }
 }
 

@@ -6,7 +6,12 @@
 //! `ρ_j = 2 |v_j| sin(δ/2)` more than the middle, so its distance from the reference's point `l` is
 //! at least `e = |d_0 outside the rectangle| − ρ_j`, `d_0 = z_l − c_0 − Φ_0 v_j`. With `λ` the sum of
 //! the larger eigenvalues and `D` the least determinant of `R_l + Φ R_j Φᵀ` over all headings,
-//! `N(d; 0, S) ≤ exp(−max(e, 0)² / 2λ) / (2π √D) = n_lj`.
+//! `N(d; 0, S) ≤ exp(−max(e, 0)² / 2λ) / (2π √D) = n_lj`. The same holds with the distance from the
+//! rectangle around the arc. Sines and chords are replaced by the angle, which is never smaller.
+//!
+//! In small cells `ln n_lj` is a linear function of place and sine of the turn instead (see
+//! `Pair::at_corners`), one for all poses of the cell. Then `P` is convex in these, so that it is
+//! largest at a corner, and what brings one pair together may drive another apart.
 //!
 //! The density `c` of common points is free: with `K A` the volume,
 //! `F(c) = K A c + n₀ ln(1 − c/a) + n₁ ln(1 − c/b)` and `κ(c) = c / ((a − c)(b − c))`, the sum
@@ -20,6 +25,8 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 
 use super::super::prepared::{Blob, Motion, Prepared, Span};
+use super::exponential::exp_above;
+use super::sums::{Place, Sums};
 
 /// Range of the share of common points between whose ends the chord is taken. The upper one is the
 /// largest that the model admits; below the lower one the bound is loose, but no mode is there.
@@ -28,11 +35,12 @@ const SHARES: [f64; 2] = [0.05, 0.9];
 /// Pairs whose weight is below this at the largest share count as nothing in the likelihood too.
 const NEGLIGIBLE_WEIGHT: f64 = 1e-6;
 
-/// Cells of half widths below this many typical standard deviations get the finer bound.
-const FINE_SIGMAS: f64 = 1.0;
+/// Cells of half widths below this many typical standard deviations get the finer bound: 0.7 and 2
+/// take a tenth longer in the scene of \[registration\], seeds 5000..5150.
+const FINE_SIGMAS: f64 = 1.5;
 
-/// Products are taken to their logarithm before they overflow.
-const LARGE_PRODUCT: f64 = 1e100;
+/// Corners of a cell.
+const CORNER_COUNT: usize = 8;
 
 /// A box of poses.
 #[derive(Clone, Copy, Debug)]
@@ -48,9 +56,9 @@ pub(super) struct Cell {
 }
 
 impl Cell {
-    /// `2 sin(δ/2)`: how far turning by at most δ moves a point at distance 1.
+    /// At least `2 sin(δ/2)`: how far turning by at most δ moves a point at distance 1.
     pub(super) fn chord(&self) -> f64 {
-        2.0 * (0.5 * self.half_turn_rad).min(0.25 * TAU).sin()
+        self.half_turn_rad.min(2.0)
     }
 
     /// The motion in its middle.
@@ -97,61 +105,151 @@ struct Pair {
     fall: f64,
     /// Distance beyond which the weight is nothing.
     reach_m: f64,
-    span: u32,
-    node: u32,
-    /// Number of the reference's point within its period.
-    place: u32,
+    place: Place,
 }
 
 /// What the covariance of a pair needs at a given heading: half the trace of the sum, the deviators
-/// `((xx − yy)/2, xy)` of both sides, the smaller eigenvalue of the sum at its least.
+/// `((xx − yy)/2, xy)` of both sides.
 #[derive(Clone, Copy)]
 struct Shape {
     mean_m2: f64,
     of_ref: [f64; 2],
     of_node: [f64; 2],
-    least_m2: f64,
     /// Differences of the eigenvalues of both sides multiplied, m⁴, and that of the node's, m².
     product_m4: f64,
     node_m2: f64,
     least_determinant_m4: f64,
 }
 
-/// The heading of a fine cell, ready to use.
-struct Turn {
+/// A cell, ready to use.
+struct Bed {
+    x: f64,
+    y: f64,
+    half_x: f64,
+    half_y: f64,
+    cos: f64,
+    sin: f64,
+    /// Of twice the heading.
     cos_2: f64,
     sin_2: f64,
     half_turn_rad: f64,
-    half_diagonal_m: f64,
+    chord: f64,
+    /// At least the largest sine of a turn within the cell, and the largest `1 − cos`.
+    sine: f64,
+    versine: f64,
 }
 
-impl Turn {
+/// How far a pair is from meeting.
+struct Gap {
+    /// `d_0`, metres.
+    dx: f64,
+    dy: f64,
+    /// `Φ_0 v`, metres.
+    arm_x: f64,
+    arm_y: f64,
+    /// Lower bound of `|d|²` over the cell.
+    square_m2: f64,
+}
+
+impl Bed {
     fn new(cell: &Cell) -> Self {
-        let (sin_2, cos_2) = (2.0 * cell.heading_rad).sin_cos();
-        let half_diagonal_m = cell.half_x.hypot(cell.half_y);
-        Self { cos_2, sin_2, half_turn_rad: cell.half_turn_rad, half_diagonal_m }
+        let (sin, cos) = cell.heading_rad.sin_cos();
+        Self {
+            x: cell.x,
+            y: cell.y,
+            half_x: cell.half_x,
+            half_y: cell.half_y,
+            cos,
+            sin,
+            cos_2: cos * cos - sin * sin,
+            sin_2: 2.0 * sin * cos,
+            half_turn_rad: cell.half_turn_rad,
+            chord: cell.chord(),
+            sine: cell.half_turn_rad.min(1.0),
+            versine: (0.5 * cell.half_turn_rad * cell.half_turn_rad).min(2.0),
+        }
+    }
+
+    /// `None` where the pair counts for nothing over the whole cell. A turn by `t` moves a point by
+    /// `sin t J w − (1 − cos t) w`, `w = Φ_0 v`, `J` a quarter turn: at most by the chord, and
+    /// along each axis at most by what that says.
+    fn gap(&self, pair: &Pair) -> Option<Gap> {
+        let arm_x = self.cos * pair.arm_x - self.sin * pair.arm_y;
+        let arm_y = self.sin * pair.arm_x + self.cos * pair.arm_y;
+        let (dx, dy) = (pair.ref_x - self.x - arm_x, pair.ref_y - self.y - arm_y);
+        let (off_x, off_y) = (dx.abs() - self.half_x, dy.abs() - self.half_y);
+        let turned_x = arm_y.abs() * self.sine + arm_x.abs() * self.versine;
+        let turned_y = arm_x.abs() * self.sine + arm_y.abs() * self.versine;
+        let of_box = squared(off_x - turned_x) + squared(off_y - turned_y);
+        let outside = squared(off_x) + squared(off_y);
+        let turned_m = self.chord * pair.arm_m;
+        let reach_m = turned_m + pair.reach_m;
+        if of_box > pair.reach_m * pair.reach_m || outside > reach_m * reach_m {
+            return None;
+        }
+        let of_circle = squared(outside.sqrt() - turned_m);
+        Some(Gap { dx, dy, arm_x, arm_y, square_m2: of_box.max(of_circle) })
     }
 }
 
-impl Shape {
-    /// Bound of `N(d; 0, S)` over a cell whose differences lie within `r` of `d_0`: with
+impl Gap {
+    /// `½ χ²` at least.
+    fn fall(&self, pair: &Pair) -> f64 {
+        self.square_m2 * pair.fall
+    }
+}
+
+/// The square of what is above zero.
+fn squared(value: f64) -> f64 {
+    let above = if value > 0.0 { value } else { 0.0 };
+    above * above
+}
+
+impl Pair {
+    /// Bounds of `N(d; 0, S)` whose logarithm is linear over the cell, at its corners: with
     /// `η = (μ₁ − μ₂) sin δ`, μ the eigenvalues of `R_j`, `S ≤ S_0 + η I`, hence
-    /// `√χ² ≥ √(d_0ᵀ (S_0 + η I)⁻¹ d_0) − r / √λ_min`; and `det S` falls by at most
-    /// `δ` times the differences of the eigenvalues multiplied.
-    fn density(&self, turn: &Turn, [dx, dy]: [f64; 2], turned_m: f64) -> f64 {
-        let [half, cross] = self.of_node;
-        let half_sum = self.of_ref[0] + turn.cos_2 * half - turn.sin_2 * cross;
-        let cross_sum = self.of_ref[1] + turn.sin_2 * half + turn.cos_2 * cross;
+    /// `χ² ≥ d_0ᵀ p + 2 pᵀ (d − d_0)`, `p = (S_0 + η I)⁻¹ d_0`, linear in the place and in the sine of
+    /// the turn but for `(1 − cos t) pᵀ w`; and `det S` falls by at most `δ` times the differences
+    /// of the eigenvalues multiplied. Where a constant is nowhere larger, the constant.
+    fn at_corners(&self, bed: &Bed, gap: &Gap) -> [f64; CORNER_COUNT] {
+        let shape = &self.shape;
+        let [half, cross] = shape.of_node;
+        let half_sum = shape.of_ref[0] + bed.cos_2 * half - bed.sin_2 * cross;
+        let cross_sum = shape.of_ref[1] + bed.sin_2 * half + bed.cos_2 * cross;
         let deviation = half_sum * half_sum + cross_sum * cross_sum;
-        let mean = self.mean_m2 + self.node_m2 * turn.half_turn_rad;
-        let quadratic =
-            (mean - half_sum) * dx * dx - 2.0 * cross_sum * dx * dy + (mean + half_sum) * dy * dy;
-        let chi = (quadratic / (mean * mean - deviation)).sqrt();
-        let slack = (turn.half_diagonal_m + turned_m) / self.least_m2.sqrt();
         let determinant =
-            self.mean_m2 * self.mean_m2 - deviation - self.product_m4 * turn.half_turn_rad;
-        let least = determinant.max(self.least_determinant_m4);
-        (-0.5 * (chi - slack).max(0.0).powi(2)).exp() / (TAU * least.sqrt())
+            shape.mean_m2 * shape.mean_m2 - deviation - shape.product_m4 * bed.half_turn_rad;
+        let peak = 1.0 / (TAU * determinant.max(shape.least_determinant_m4).sqrt());
+        let mean = shape.mean_m2 + shape.node_m2 * bed.half_turn_rad;
+        let inverse = 1.0 / (mean * mean - deviation);
+        let pull_x = ((mean - half_sum) * gap.dx - cross_sum * gap.dy) * inverse;
+        let pull_y = ((mean + half_sum) * gap.dy - cross_sum * gap.dx) * inverse;
+        let middle = -0.5 * (pull_x * gap.dx + pull_y * gap.dy)
+            + (-pull_x * gap.arm_x - pull_y * gap.arm_y).max(0.0) * bed.versine;
+        let by_x = pull_x * bed.half_x;
+        let by_y = pull_y * bed.half_y;
+        let by_turn = (pull_y * gap.arm_x - pull_x * gap.arm_y) * bed.sine;
+        let constant = -gap.fall(self);
+        if constant <= middle + by_x.abs() + by_y.abs() + by_turn.abs() {
+            return [peak * exp_above(constant); CORNER_COUNT];
+        }
+        let (less, more) = (middle - by_turn, middle + by_turn);
+        let (x_y, x_less_y) = (by_x + by_y, by_x - by_y);
+        let exponents = [
+            less + x_y,
+            less - x_y,
+            less + x_less_y,
+            less - x_less_y,
+            more + x_y,
+            more - x_y,
+            more + x_less_y,
+            more - x_less_y,
+        ];
+        let mut densities = [0.0; CORNER_COUNT];
+        for (density, exponent) in densities.iter_mut().zip(&exponents) {
+            *density = peak * exp_above(*exponent);
+        }
+        densities
     }
 }
 
@@ -169,51 +267,10 @@ pub(super) struct Bounds {
     fine_m: f64,
 }
 
-/// Room for the sums of one period.
+/// Room for the sums.
 pub(super) struct Room {
-    by_ref: Vec<f64>,
-}
-
-/// `Σ ln f` at both shares with few logarithms.
-#[derive(Clone, Copy)]
-struct LogProducts {
-    products: [f64; 2],
-    logs: [f64; 2],
-}
-
-impl LogProducts {
-    const ONE: Self = Self { products: [1.0; 2], logs: [0.0; 2] };
-
-    fn times(&mut self, factors: [f64; 2]) {
-        self.products[0] *= factors[0];
-        self.products[1] *= factors[1];
-        // The second is the larger one.
-        if self.products[1] > LARGE_PRODUCT {
-            for (log, product) in self.logs.iter_mut().zip(&mut self.products) {
-                *log += product.ln();
-                *product = 1.0;
-            }
-        }
-    }
-
-    fn join(&mut self, other: &Self) {
-        self.times(other.products);
-        self.logs[0] += other.logs[0];
-        self.logs[1] += other.logs[1];
-    }
-
-    fn is_below(&self, other: &Self) -> bool {
-        let (mine, theirs) = (self.logs[1], other.logs[1]);
-        if mine.max(theirs) <= 0.0 {
-            self.products[1] < other.products[1]
-        } else {
-            mine + self.products[1].ln() < theirs + other.products[1].ln()
-        }
-    }
-
-    fn total(&self) -> [f64; 2] {
-        [self.logs[0] + self.products[0].ln(), self.logs[1] + self.products[1].ln()]
-    }
+    single: Sums<1>,
+    corners: Sums<CORNER_COUNT>,
 }
 
 impl Bounds {
@@ -239,7 +296,10 @@ impl Bounds {
     }
 
     pub(super) fn room(&self) -> Room {
-        Room { by_ref: vec![0.0; self.most_refs] }
+        Room {
+            single: Sums::new(self.kappas, self.most_refs),
+            corners: Sums::new(self.kappas, self.most_refs),
+        }
     }
 
     pub(super) fn pair_count(&self) -> usize {
@@ -256,42 +316,36 @@ impl Bounds {
     pub(super) fn over(
         &self,
         cell: &Cell,
-        (arena, given): (&mut Vec<u32>, Range<usize>),
+        pairs: (&mut Vec<u32>, Range<usize>),
         room: &mut Room,
     ) -> f64 {
-        let (sin, cos) = cell.heading_rad.sin_cos();
-        let chord = cell.chord();
-        let fine = (cell.half_x.max(cell.half_y) < self.fine_m).then(|| Turn::new(cell));
-        let mut total = LogProducts::ONE;
-        let mut period = Period::new(self.kappas);
+        let bed = Bed::new(cell);
+        let totals = if cell.half_x.max(cell.half_y) < self.fine_m {
+            let weigh = |pair: &Pair, gap: &Gap| pair.at_corners(&bed, gap);
+            self.summed(&bed, pairs, (&mut room.corners, weigh))
+        } else {
+            let weigh = |pair: &Pair, gap: &Gap| [pair.peak * exp_above(-gap.fall(pair))];
+            self.summed(&bed, pairs, (&mut room.single, weigh))
+        };
+        self.over_shares(totals)
+    }
+
+    /// `P` at both shares with the densities that `weigh` gives for the pairs that reach the cell.
+    fn summed<const N: usize>(
+        &self,
+        bed: &Bed,
+        (arena, given): (&mut Vec<u32>, Range<usize>),
+        (sums, weigh): (&mut Sums<N>, impl Fn(&Pair, &Gap) -> [f64; N]),
+    ) -> [f64; 2] {
         for position in given {
             let index = arena[position];
             let pair = &self.pairs[index as usize];
-            let dx = pair.ref_x - cell.x - (cos * pair.arm_x - sin * pair.arm_y);
-            let dy = pair.ref_y - cell.y - (sin * pair.arm_x + cos * pair.arm_y);
-            let outside_x = (dx.abs() - cell.half_x).max(0.0);
-            let outside_y = (dy.abs() - cell.half_y).max(0.0);
-            let square = outside_x * outside_x + outside_y * outside_y;
-            let turned_m = chord * pair.arm_m;
-            if square > (turned_m + pair.reach_m).powi(2) {
-                continue;
+            if let Some(gap) = bed.gap(pair) {
+                arena.push(index);
+                sums.add(pair.place, &weigh(pair, &gap));
             }
-            arena.push(index);
-            let mut density = pair.peak;
-            if square > turned_m * turned_m {
-                density *= (-(square.sqrt() - turned_m).powi(2) * pair.fall).exp();
-            }
-            if let Some(turn) = &fine {
-                density = density.min(pair.shape.density(turn, [dx, dy], turned_m));
-            }
-            if pair.span != period.span {
-                period.close(&mut total, room);
-                period.span = pair.span;
-            }
-            period.add(pair, density, room);
         }
-        period.close(&mut total, room);
-        self.over_shares(total.total())
+        sums.finish()
     }
 
     /// The largest `F + P` over all shares.
@@ -303,68 +357,6 @@ impl Bounds {
         let kappa = common * self.volume_m2 / ((n0 - common) * (n1 - common));
         let free = common + n0 * (-common / n0).ln_1p() + n1 * (-common / n1).ln_1p();
         (free + low + slope * (kappa / self.kappas[0]).ln()).max(low)
-    }
-}
-
-/// The sums of the period at hand.
-struct Period {
-    span: u32,
-    node: u32,
-    kappas: [f64; 2],
-    by_node: f64,
-    node_products: LogProducts,
-    places: usize,
-}
-
-impl Period {
-    fn new(kappas: [f64; 2]) -> Self {
-        Self {
-            span: u32::MAX,
-            node: u32::MAX,
-            kappas,
-            by_node: 0.0,
-            node_products: LogProducts::ONE,
-            places: 0,
-        }
-    }
-
-    fn add(&mut self, pair: &Pair, density: f64, room: &mut Room) {
-        if pair.node != self.node {
-            self.close_node();
-            self.node = pair.node;
-        }
-        self.by_node += density;
-        let place = pair.place as usize;
-        room.by_ref[place] += density;
-        self.places = self.places.max(place + 1);
-    }
-
-    fn factors(&self, sum: f64) -> [f64; 2] {
-        [1.0 + self.kappas[0] * sum, 1.0 + self.kappas[1] * sum]
-    }
-
-    fn close_node(&mut self) {
-        self.node_products.times(self.factors(self.by_node));
-        self.by_node = 0.0;
-    }
-
-    /// Multiplies the smaller of both bounds of the sum over matchings into `total`.
-    fn close(&mut self, total: &mut LogProducts, room: &mut Room) {
-        self.close_node();
-        let mut ref_products = LogProducts::ONE;
-        for sum in &mut room.by_ref[..self.places] {
-            ref_products.times(self.factors(*sum));
-            *sum = 0.0;
-        }
-        // One side for both shares: the chord holds for either side, not for a change of sides.
-        let smaller = if ref_products.is_below(&self.node_products) {
-            ref_products
-        } else {
-            self.node_products
-        };
-        total.join(&smaller);
-        self.node_products = LogProducts::ONE;
-        self.places = 0;
     }
 }
 
@@ -382,10 +374,11 @@ fn pairs(data: &Prepared, covariance_scale: f64, gate: f64) -> Vec<Pair> {
     let mut all = Vec::with_capacity(data.spans.iter().map(Span::pair_count).sum());
     for (span, period) in data.spans.iter().enumerate() {
         for node in period.nodes.clone() {
-            for (place, reference) in period.refs.clone().enumerate() {
+            for (number, reference) in period.refs.clone().enumerate() {
                 let blobs = (&data.refs[reference], &data.nodes[node]);
                 let mut pair = pair(data, blobs, covariance_scale, gate);
-                (pair.span, pair.node, pair.place) = (index(span), index(node), index(place));
+                pair.place =
+                    Place { span: index(span), node: index(node), ref_number: index(number) };
                 all.push(pair);
             }
         }
@@ -409,7 +402,6 @@ fn pair(data: &Prepared, (point, node): (&Blob, &Blob), covariance_scale: f64, g
         mean_m2: 0.5 * (largest + smallest),
         of_ref: deviator(point),
         of_node: deviator(node),
-        least_m2: smallest,
         product_m4: covariance_scale.powi(2) * (of_ref[1] - of_ref[0]) * (of_node[1] - of_node[0]),
         node_m2: covariance_scale * (of_node[1] - of_node[0]),
         least_determinant_m4: largest * smallest,
@@ -424,9 +416,7 @@ fn pair(data: &Prepared, (point, node): (&Blob, &Blob), covariance_scale: f64, g
         peak,
         fall: 0.5 / largest,
         reach_m: (gate * largest).sqrt(),
-        span: 0,
-        node: 0,
-        place: 0,
+        place: Place::default(),
     }
 }
 
@@ -435,4 +425,66 @@ fn eigenvalues(blob: &Blob) -> [f64; 2] {
     let (mean, half) = (0.5 * (blob.xx + blob.yy), 0.5 * (blob.xx - blob.yy));
     let radius = half.hypot(blob.xy);
     [(mean - radius).max(0.0), mean + radius]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{Conditions, trial};
+
+    /// Signs of place and turn at the corners, in the order of the densities.
+    const SIGNS: [[f64; 2]; 4] = [[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]];
+
+    /// `N(d; 0, S)` of a pair under a motion.
+    fn density(point: &Blob, node: &Blob, motion: &Motion) -> f64 {
+        let moved = motion.apply(node);
+        let (x, y) = (point.x - moved.x, point.y - moved.y);
+        let (xx, xy, yy) = (point.xx + moved.xx, point.xy + moved.xy, point.yy + moved.yy);
+        let determinant = xx * yy - xy * xy;
+        let chi_square = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant;
+        (-0.5 * chi_square).exp() / (TAU * determinant.sqrt())
+    }
+
+    #[test]
+    fn no_density_at_a_corner_exceeds_that_of_the_corner() {
+        /// For cells of a tenth of a standard deviation, the largest covariance over the turn.
+        const MOST: f64 = 1.4;
+        let case = trial(&Conditions::CLEAN, 2);
+        let (data, truth) = (Prepared::new(&case.problem), case.truth());
+        let at = Motion::new(truth.x, truth.y, truth.z);
+        let (x, y) = at.turned(data.node_center_m.x, data.node_center_m.y);
+        let mut differing_count = 0;
+        for (step, pair) in Bounds::new(&data, 1.0).pairs.iter().enumerate() {
+            let span = &data.spans[pair.place.span as usize];
+            let point = &data.refs[span.refs.start + pair.place.ref_number as usize];
+            let node = &data.nodes[pair.place.node as usize];
+            let cell = Cell {
+                x: x + at.x + 0.03 * (step as f64).sin(),
+                y: y + at.y + 0.03 * (3.0 * step as f64).cos(),
+                heading_rad: truth.z + 0.01,
+                half_x: 0.002,
+                half_y: 0.003,
+                half_turn_rad: 0.002,
+            };
+            let bed = Bed::new(&cell);
+            let Some(gap) = bed.gap(pair) else { continue };
+            let bounds = pair.at_corners(&bed, &gap);
+            differing_count += usize::from(bounds[0] > 1.2 * bounds[5].min(bounds[6]));
+            for (corner, bound) in bounds.iter().enumerate() {
+                let ([sign_x, sign_y], turn) = (SIGNS[corner % 4], (corner / 4) as f64 * 2.0 - 1.0);
+                let place = Cell {
+                    x: cell.x + sign_x * cell.half_x,
+                    y: cell.y + sign_y * cell.half_y,
+                    heading_rad: cell.heading_rad + turn * cell.half_turn_rad.asin(),
+                    ..cell
+                };
+                let there = density(point, node, &place.motion(&data));
+                assert!(
+                    there <= *bound && *bound < MOST * there,
+                    "{step} {corner}: {there} {bound}"
+                );
+            }
+        }
+        assert!(differing_count > 5, "{differing_count}");
+    }
 }

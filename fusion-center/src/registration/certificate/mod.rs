@@ -26,6 +26,8 @@ use super::{Outcome, Solution};
 use bound::{Bounds, Cell, Room};
 
 mod bound;
+mod exponential;
+mod sums;
 
 #[cfg(test)]
 mod tests;
@@ -190,9 +192,10 @@ impl Peak {
     fn holds(&self, cell: &Cell) -> bool {
         let (dx, dy) = (cell.x - self.middle_x, cell.y - self.middle_y);
         let turn = proto::geom::wrap_angle(cell.heading_rad - self.heading_rad);
-        let far = (dx.abs() + cell.half_x).hypot(dy.abs() + cell.half_y);
-        let most_turn = (turn.abs() + cell.half_turn_rad).min(PI);
-        if far + 2.0 * (0.5 * most_turn).sin() * self.spread_m <= self.reach_m {
+        let far_m2 = (dx.abs() + cell.half_x).powi(2) + (dy.abs() + cell.half_y).powi(2);
+        // A chord is no longer than its arc.
+        let turned_m = (turn.abs() + cell.half_turn_rad).min(2.0) * self.spread_m;
+        if turned_m <= self.reach_m && far_m2 <= (self.reach_m - turned_m).powi(2) {
             return true;
         }
         let step = Vector3::new(dx, dy, turn);

@@ -38,8 +38,15 @@ pub(super) struct Innovation<const C: usize> {
     pub(super) precision: Matrix2<f64>,
     /// Squared Mahalanobis distance of column 0.
     pub(super) chi_square: f64,
+    /// Determinant of `F`, m⁴.
+    determinant_m4: f64,
+}
+
+impl<const C: usize> Innovation<C> {
     /// Natural logarithm of the density of column 0 in 1/m².
-    pub(super) log_density: f64,
+    pub(super) fn log_density(&self) -> f64 {
+        -0.5 * (self.chi_square + self.determinant_m4.ln()) - TAU.ln()
+    }
 }
 
 impl<const C: usize> State<C> {
@@ -79,6 +86,15 @@ impl<const C: usize> State<C> {
         self.time_s = time_s;
     }
 
+    /// Whether `point` is so far from column 0 that its squared Mahalanobis distance exceeds `gate`
+    /// for certain, also with `added_m2` on top of the variance of each axis: no eigenvalue of a
+    /// covariance exceeds its trace.
+    pub(super) fn is_beyond(&self, point: &Observation<C>, (gate, added_m2): (f64, f64)) -> bool {
+        let distance_m2 = (point.columns[0] - self.position[0]).norm_squared();
+        let trace_m2 = self.position_cov.trace() + point.cov_m2.trace() + 2.0 * added_m2;
+        distance_m2 > gate * trace_m2
+    }
+
     /// Difference of `point`, taken at the time of this state.
     pub(super) fn innovation(&self, point: &Observation<C>) -> Innovation<C> {
         let cov = self.position_cov + point.cov_m2;
@@ -87,8 +103,7 @@ impl<const C: usize> State<C> {
         let precision = Matrix2::new(yy, -xy, -xy, xx) / determinant;
         let columns = std::array::from_fn(|c| point.columns[c] - self.position[c]);
         let chi_square = columns[0].dot(&(precision * columns[0]));
-        let log_density = -0.5 * (chi_square + determinant.ln()) - TAU.ln();
-        Innovation { columns, precision, chi_square, log_density }
+        Innovation { columns, precision, chi_square, determinant_m4: determinant }
     }
 
     /// Takes a point in.

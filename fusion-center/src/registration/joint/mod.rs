@@ -37,6 +37,10 @@ use tracks::{Ground, Track, VELOCITY_SIGMA_MPS, form_tracks};
 /// Standard deviations of the pairwise pose within which the joint one must lie.
 const MAX_MOVE_SIGMAS: f64 = 5.0;
 
+/// Factor between the determinants of the covariances beyond which the joint fit knows less than
+/// the pairs: twice the variance in each of three dimensions. It has lost points then.
+const MAX_VAGUER: f64 = 8.0;
+
 /// Rounds of forming tracks and fitting; a second one where the first changes its ground.
 const MAX_ROUND_COUNT: usize = 4;
 
@@ -184,8 +188,9 @@ fn accepted(
     let step = pose_difference(&joint.motion, &Motion::new(shift.x, shift.y, old.heading_rad()));
     let length = step.dot(&Cholesky::new(pairwise.covariance + covariance)?.solve(&step));
     let is_near = length <= MAX_MOVE_SIGMAS.powi(2);
+    let knows_less = covariance.determinant() > MAX_VAGUER * pairwise.covariance.determinant();
     let estimate = PoseEstimate { pose_ref_from_node: joint.motion.pose(), covariance };
-    (is_near && Cholesky::new(covariance).is_some())
+    (is_near && !knows_less && Cholesky::new(covariance).is_some())
         .then_some(Joined { estimate, covariance_inflation: inflation * covariance_scale })
 }
 

@@ -33,9 +33,10 @@ pub(super) struct Setting<'a> {
 /// What a filtered track tells.
 #[derive(Clone, Copy)]
 pub(super) struct Pass<const C: usize> {
-    /// `Σ [ν V]ᵀ F⁻¹ [ν V]`, only the upper triangle.
+    /// `Σ [ν V]ᵀ F⁻¹ [ν V]`, only the upper triangle; zero without columns of derivatives, as only
+    /// the likelihood is wanted then.
     pub(super) normal: SMatrix<f64, C, C>,
-    /// What of it is lost because points may be others', only the upper triangle:
+    /// What of that is lost because points may be others', only the upper triangle:
     /// `Σ (1 − p) [ν V]ᵀ F⁻¹ [ν V] + p (1 − p) g gᵀ`, `g = [ν V]ᵀ F⁻¹ ν`.
     pub(super) lost: SMatrix<f64, C, C>,
     /// Natural logarithm of the likelihood of all points after the first.
@@ -62,10 +63,10 @@ impl<const C: usize> Pass<C> {
 
 /// Probability `p = N / (N + λ)` that a point is the target's; where the prediction is so wide that λ
 /// exceeds it nearly everywhere, a small part of its own peak stands for λ.
-fn own_chance<const C: usize>(innovation: &Innovation<C>, outlier_log_density: f64) -> f64 {
-    let peak = innovation.log_density + 0.5 * innovation.chi_square;
+fn own_chance(log_density: f64, chi_square: f64, outlier_log_density: f64) -> f64 {
+    let peak = log_density + 0.5 * chi_square;
     let other = outlier_log_density.min(peak - 0.5 * MIN_OUTLIER_CHI_SQUARE);
-    let log_odds = innovation.log_density - other;
+    let log_odds = log_density - other;
     if log_odds > SURE_LOG_ODDS { 1.0 } else { 1.0 / (1.0 + (-log_odds).exp()) }
 }
 
@@ -97,12 +98,17 @@ pub(super) fn filtered<const C: usize>(
         state.predict(point.time_s, member.way.noise(step_s, noise_m2ps3));
         let innovation = state.innovation(&point);
         let is_far = innovation.chi_square > MIN_OUTLIER_CHI_SQUARE;
-        if is_far && innovation.log_density < setting.outlier_log_density {
+        let log_density = innovation.log_density();
+        if is_far && log_density < setting.outlier_log_density {
             pass.log_likelihood += setting.outlier_log_density;
             continue;
         }
-        pass.add(&innovation, own_chance(&innovation, setting.outlier_log_density));
-        pass.log_likelihood += innovation.log_density;
+        if C > 1 {
+            let chi_square = innovation.chi_square;
+            let own = own_chance(log_density, chi_square, setting.outlier_log_density);
+            pass.add(&innovation, own);
+        }
+        pass.log_likelihood += log_density;
         pass.used_count += 1;
         state.absorb(&innovation);
     }

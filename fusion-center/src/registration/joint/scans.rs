@@ -27,6 +27,9 @@ pub(super) enum Side {
     Node = 1,
 }
 
+/// Steps longer than this many usual ones end every track alike.
+const LONGEST_STEP: f64 = 100.0;
+
 /// A point in the frame of the side that saw it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
@@ -41,6 +44,7 @@ pub(super) struct Seen {
 #[derive(Clone, Debug)]
 pub(super) struct Scan {
     pub(super) points: Range<usize>,
+    /// The period, counted so that it grows with the time between periods, see [`slots`].
     pub(super) period_index: usize,
     pub(super) time_s: f64,
 }
@@ -61,6 +65,7 @@ impl Scans {
             order.push((period.node_time_s, index, Side::Node));
         }
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let slots = slots(problem);
         let point_count = problem.periods.iter().map(|p| p.in_ref.len() + p.in_node.len()).sum();
         let mut points = Vec::with_capacity(point_count);
         let mut scans = Vec::with_capacity(order.len());
@@ -80,6 +85,7 @@ impl Scans {
                 (point.time_s, point.side) = (time_s, side);
             }
             if points.len() > start {
+                let period_index = slots[period_index];
                 scans.push(Scan { points: start..points.len(), period_index, time_s });
             }
         }
@@ -93,6 +99,24 @@ impl Scans {
             _ => 0.0,
         }
     }
+}
+
+/// A number for each period that grows by one from period to period, and by more where more time
+/// passed than usual: what lies minutes apart must not seem to follow.
+fn slots(problem: &Problem) -> Vec<usize> {
+    let steps_s = || problem.periods.windows(2).map(|two| two[1].ref_time_s - two[0].ref_time_s);
+    let mut sorted: Vec<f64> = steps_s().collect();
+    sorted.sort_by(f64::total_cmp);
+    let usual_s = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let mut slot = 0;
+    let later = steps_s().map(|step_s| {
+        let share = (step_s / usual_s).clamp(1.0, LONGEST_STEP);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in bounds")]
+        let step = if share.is_finite() { share.round() as usize } else { 1 };
+        slot += step;
+        slot
+    });
+    std::iter::once(0).chain(later).collect()
 }
 
 fn seen<F: Frame>(point: &Gaussian<F>, offset_sigma_m: f64) -> Option<Seen> {

@@ -103,6 +103,28 @@ fn the_filter_is_dense_least_squares_over_the_whole_walk() {
 }
 
 #[test]
+fn a_point_beyond_a_gate_is_beyond_it_by_its_mahalanobis_distance() {
+    /// As in the tracks.
+    const GATE: f64 = 16.0;
+    let scans = Scans::new(&one_target());
+    let motion = Motion::new(3.0, 2.0, -1.2);
+    let seen: Vec<_> =
+        scans.points.iter().map(|p| p.observed::<1>(&motion, &[0.0; 2], 1.0)).collect();
+    let mut beyond_count = 0;
+    for (first, added_m2) in seen.iter().flat_map(|first| [(first, 0.0), (first, 0.2)]) {
+        let state = filter::State::starting(first, VELOCITY_SIGMA_MPS);
+        for point in seen.iter().filter(|point| state.is_beyond(point, (GATE, added_m2))) {
+            let cov = first.cov_m2 + point.cov_m2 + Matrix2::identity() * added_m2;
+            let apart = point.columns[0] - first.columns[0];
+            let chi_square = apart.dot(&(cov.try_inverse().unwrap() * apart));
+            assert!(chi_square > GATE, "{chi_square}");
+            beyond_count += 1;
+        }
+    }
+    assert!(beyond_count > 10, "{beyond_count}");
+}
+
+#[test]
 fn columns_are_the_derivatives_of_the_value() {
     /// Second order of a step of 1e-6 at 5 m, and rounding over it.
     const SLOPE_ERROR: f64 = 1e-5;
@@ -257,4 +279,17 @@ fn points_of_periods_that_one_side_missed_sharpen_the_pose() {
     let mut shared = case.problem.clone();
     shared.periods.retain(|p| !p.in_ref.is_empty() && !p.in_node.is_empty());
     assert!(all < 0.7 * spread(&shared), "{all} {}", spread(&shared));
+}
+
+#[test]
+fn periods_that_lie_minutes_apart_are_no_neighbours() {
+    let at = |time_s: f64| Period { ref_time_s: time_s, node_time_s: time_s, ..Period::default() };
+    let times_s = [0.0, 1.0, 2.0, 3.0, 63.0, 64.0, 1e9];
+    let mut problem = Problem { periods: times_s.map(at).to_vec(), ..Problem::default() };
+    for period in &mut problem.periods {
+        let cov_m2 = Matrix2::identity() * 0.01;
+        period.in_ref.push(Gaussian { mean: Point::new(1.0, 2.0), cov_m2 });
+    }
+    let found: Vec<usize> = Scans::new(&problem).scans.iter().map(|s| s.period_index).collect();
+    assert_eq!(found, [0, 1, 2, 3, 63, 64, 164]);
 }

@@ -33,6 +33,9 @@ const LOG_TURN_CHANCE: f64 = -3.0;
 /// Squared Mahalanobis distance within which a point may continue a track: 99.97 %.
 const GATE: f64 = 16.0;
 
+/// Margin for rounding where a bound of that distance excludes a point.
+const ROUNDING: f64 = 1.0 + 1e-9;
+
 /// Periods that a track may pause; one that has just begun has proven less.
 const MAX_PAUSE: usize = 4;
 const FIRST_PAUSE: usize = 2;
@@ -124,12 +127,40 @@ impl Draft {
         self.period_count >= ESTABLISHED_COUNT
     }
 
+    /// What a turn adds to the variance of the position at the time of a scan, per axis, m².
+    fn turn_variance_m2(&self, time_s: f64) -> f64 {
+        let step_s = (time_s - self.state.time_s()).max(0.0);
+        let noise_m2ps3 = Way::Turned.noise(step_s, FORMING_NOISE_M2PS3) - FORMING_NOISE_M2PS3;
+        noise_m2ps3 * step_s.powi(3) / 3.0
+    }
+
     /// The state at the time of a scan if the target has turned since the last point.
     fn after_turn(&self, time_s: f64) -> State<1> {
         let mut state = self.state;
         let step_s = time_s - state.time_s();
         state.predict(time_s, Way::Turned.noise(step_s, FORMING_NOISE_M2PS3));
         state
+    }
+
+    /// What a point of the scan adds to the score, and how the target came there; `None` where it
+    /// does not belong. The turned state is made once, for the first point that asks for it.
+    fn fits(
+        &self,
+        (scan, log_density): (&Scan, f64),
+    ) -> impl FnMut(&Observation<1>) -> Option<(f64, Way)> {
+        let may_turn = self.is_established() && self.state.time_s() < scan.time_s;
+        let added_m2 = if may_turn { self.turn_variance_m2(scan.time_s) } else { 0.0 };
+        let mut turned = None;
+        move |point| {
+            if self.straight.is_beyond(point, (GATE * ROUNDING, added_m2)) {
+                return None;
+            }
+            gain(self, point, (scan, log_density)).or_else(|| {
+                let after = || self.after_turn(scan.time_s);
+                let state = may_turn.then(|| turned.get_or_insert_with(after))?;
+                gain_of_turn(state, point, log_density)
+            })
+        }
     }
 
     fn is_alive(&self, period_index: usize) -> bool {
@@ -209,11 +240,12 @@ impl Forming<'_> {
         for (open_index, draft) in self.open.iter_mut().enumerate() {
             draft.straight = draft.state;
             draft.straight.predict(scan.time_s, FORMING_NOISE_M2PS3);
-            let fitting = seen.iter().enumerate().filter_map(|(index, point)| {
-                let (gain, way) = gain(draft, point, (scan, self.ground))?;
-                let point_index = scan.points.start + index;
-                let is_established = draft.is_established();
-                Some(Candidate { open_index, point: point_index, is_established, way, gain })
+            let fits = draft.fits((scan, self.ground.log_density));
+            let is_established = draft.is_established();
+            let gains = scan.points.clone().zip(seen.iter().map(fits));
+            let fitting = gains.filter_map(|(point, fit)| {
+                let (gain, way) = fit?;
+                Some(Candidate { open_index, point, is_established, way, gain })
             });
             candidates.extend(fitting);
         }
@@ -285,20 +317,32 @@ impl Forming<'_> {
     }
 }
 
-/// What the point adds to the score, and how the target came there; `None` where
-/// it does not belong. The second period of a track tells its velocity and need not speak for it.
-fn gain(draft: &Draft, point: &Observation<1>, at: (&Scan, &Ground)) -> Option<(f64, Way)> {
-    let (scan, ground) = at;
+/// What the point adds to the score of a target that went straight; `None` where it does not belong.
+/// The second period of a track tells its velocity and need not speak for it.
+fn gain(
+    draft: &Draft,
+    point: &Observation<1>,
+    (scan, log_density): (&Scan, f64),
+) -> Option<(f64, Way)> {
     let innovation = draft.straight.innovation(point);
-    let gain = innovation.log_density - ground.log_density;
-    let tells_velocity = draft.period_count == 1 && draft.last_period != scan.period_index;
-    if innovation.chi_square < GATE && (gain > 0.0 || tells_velocity) {
-        return Some((gain, Way::Straight));
-    }
-    if !draft.is_established() || draft.state.time_s() >= scan.time_s {
+    if innovation.chi_square >= GATE {
         return None;
     }
-    let turned = draft.after_turn(scan.time_s).innovation(point);
-    let gain_of_turn = turned.log_density - ground.log_density + LOG_TURN_CHANCE;
-    (turned.chi_square < GATE && gain_of_turn > 0.0).then_some((gain_of_turn, Way::Turned))
+    let gain = innovation.log_density() - log_density;
+    let tells_velocity = draft.period_count == 1 && draft.last_period != scan.period_index;
+    (gain > 0.0 || tells_velocity).then_some((gain, Way::Straight))
+}
+
+/// The same for one whose state `after_turn` holds if it has turned.
+fn gain_of_turn(
+    after_turn: &State<1>,
+    point: &Observation<1>,
+    log_density: f64,
+) -> Option<(f64, Way)> {
+    let innovation = after_turn.innovation(point);
+    if innovation.chi_square >= GATE {
+        return None;
+    }
+    let gain = innovation.log_density() - log_density + LOG_TURN_CHANCE;
+    (gain > 0.0).then_some((gain, Way::Turned))
 }
