@@ -1,4 +1,7 @@
 //! When a new pose takes the place of an old one: a poorer result never replaces a better.
+//!
+//! Much vaguer poses never do, whatever they rest on. One that contradicts must rest on clearly
+//! more: two modes that are nearly as likely would else take turns, under a new epoch each time.
 
 use nalgebra::{Matrix3, Vector3};
 use proto::geom::{Node, Ref, Se2, wrap_angle};
@@ -13,6 +16,11 @@ const VAGUER: f64 = 11.4;
 /// the same determinant, is no news.
 const NEWS_GATE: f64 = 0.01;
 const NEWS_FACTOR: f64 = 1.2;
+
+/// By how much a pose that contradicts must exceed the log odds of the one in force: ln 1000.
+const CONTRADICTION_MARGIN: f64 = 6.9;
+/// Log odds are kept within this on both sides; a pose with the least is doubted.
+pub(super) const MAX_LOG_ODDS: f64 = 1e9;
 
 /// A pose that is believed.
 #[derive(Clone, Copy, Debug)]
@@ -30,22 +38,28 @@ pub(super) enum Judgement {
     Accept,
     /// It fits, but is much vaguer: the old one stays.
     Vaguer,
-    /// It contradicts and rests on less: the old one stays.
+    /// It contradicts, and is much vaguer or does not rest on clearly more: the old one stays.
     Contradicts,
 }
 
 impl Belief {
     /// Whether `new` takes this one's place.
     pub(super) fn judge(&self, new: &Self) -> Judgement {
-        if self.log_odds < new.log_odds {
-            Judgement::Accept
-        } else if !self.is_refined_by(new) {
-            Judgement::Contradicts
-        } else if self.is_clearer_than(new) {
-            Judgement::Vaguer
-        } else {
-            Judgement::Accept
+        if self.is_doubted() {
+            return Judgement::Accept;
         }
+        let is_lead = self.log_odds + CONTRADICTION_MARGIN < new.log_odds;
+        match (self.is_refined_by(new), self.is_clearer_than(new)) {
+            (true, true) => Judgement::Vaguer,
+            (true, false) => Judgement::Accept,
+            (false, false) if is_lead => Judgement::Accept,
+            (false, _) => Judgement::Contradicts,
+        }
+    }
+
+    /// Whether any determined pose may take this one's place.
+    pub(super) fn is_doubted(&self) -> bool {
+        self.log_odds <= -MAX_LOG_ODDS
     }
 
     /// Whether `new` lies within this one's and its own uncertainty.

@@ -46,7 +46,7 @@ use crate::fuse::{Sighting, fuse, place};
 use crate::gather::{Gather, KeptPoint, KeptSet, Life, Offer, Place};
 use inbox::Inbound;
 use monitor::{Monitor, Moved, Site};
-use network::{Network, site_problem};
+use network::{Network, site_problem, with_pins};
 use outbox::Outbox;
 use pairs::Pairs;
 use poses::Poses;
@@ -195,14 +195,10 @@ impl Centre {
     }
 
     fn combination(&mut self) -> Combination {
-        let mut edges = self.pairs.edges();
-        let pins = self.poses.pins();
-        let problem = pins.is_empty().then(|| site_problem(&self.gather, &self.config.reference));
-        for pin in pins {
-            edges.retain(|edge| (&edge.first, &edge.second) != (&pin.first, &pin.second));
-            edges.push(pin);
-        }
         let reference = self.config.reference.clone();
+        let pins = self.poses.pins();
+        let problem = pins.is_empty().then(|| site_problem(&self.gather, &reference));
+        let edges = with_pins(&reference, self.pairs.edges(), pins);
         let nodes = self.gather.nodes().map(|(node, _)| node.clone()).collect();
         Combination { reference, nodes, edges, problem, generation: self.network.start() }
     }
@@ -285,12 +281,29 @@ impl Centre {
         self.told.extend(news);
     }
 
-    /// What was found with a node's earlier sets is not believed any longer.
-    fn start_over(&mut self, node: &NodeId) {
+    /// What was found with a node's earlier sets is not believed any longer. Returns whose poses
+    /// rested on it: any determined pose may replace them.
+    fn start_over(&mut self, node: &NodeId) -> Vec<NodeId> {
         self.pairs.doubt(node);
-        self.poses.doubt(node);
         self.monitor.forget(node);
+        let resting = self.poses.resting_on(node);
+        for one in &resting {
+            self.poses.doubt(one);
+            self.monitor.forget(one);
+        }
         self.network.start_over();
+        self.is_saved = false;
+        if *node == self.config.reference {
+            let pinned = self.poses.outdate_pins();
+            if !pinned.is_empty() {
+                warn!(
+                    ?pinned,
+                    "the reference is registered anew: these pins are of its frame of before, \
+                    and nobody comes in through them until they are pinned again or unpinned"
+                );
+            }
+        }
+        resting
     }
 
     fn publish_transforms(&mut self, now: CentreTime, nodes: &[NodeId]) {
@@ -331,12 +344,10 @@ impl Centre {
         };
         warn!(%node, ?suspicion, "seems to have been moved: registering anew");
         self.gather.forget_before(&node, began);
-        self.start_over(&node);
+        let resting = self.start_over(&node);
+        self.told.extend(resting);
         let suspects = self.poses.suspect(&node, &suspicion);
-        for suspect in &suspects {
-            self.poses.doubt(suspect);
-            self.monitor.forget(suspect);
-        }
+        suspects.iter().for_each(|suspect| self.monitor.forget(suspect));
         // At once: the data after the move may register it anew within this very step.
         self.publish_transforms(now, &suspects);
         if let Some(picture) = self.last_picture.clone() {
@@ -462,6 +473,8 @@ fn stamp(boot: BootId, sequence: u64, now: CentreTime) -> Stamp {
     Stamp { boot, sequence, sent_ns: u64::try_from(now.0).unwrap_or(0) }
 }
 
+#[cfg(test)]
+mod drawn;
 #[cfg(test)]
 mod moved_tests;
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! Combining runs beside the event loop as solving does, one at a time; where it takes long, it
 //! pauses so that it takes no more than a tenth of one core.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use proto::ids::NodeId;
@@ -37,6 +38,40 @@ impl Combination {
             Some(problem) => refined(problem, groups),
             None => groups,
         }
+    }
+}
+
+/// The edges with pins in the place of what was solved. A pin is the operator's word and no vote:
+/// of a pinned node's pairs only those count through which a node comes in that nothing else joins
+/// to the reference. Were the pin wrong, its pairs would contradict those of nodes rightly placed.
+pub(super) fn with_pins(reference: &NodeId, edges: Vec<Edge>, pins: Vec<Edge>) -> Vec<Edge> {
+    let pinned: BTreeSet<&NodeId> = pins.iter().map(|pin| &pin.second).collect();
+    let reached = reached(reference, &edges, &pinned);
+    let is_placed = |node: &NodeId| pinned.contains(node) || reached.contains(node);
+    let is_used = |edge: &Edge| {
+        let ends = [&edge.first, &edge.second];
+        !(ends.iter().any(|node| pinned.contains(*node)) && ends.iter().all(|node| is_placed(node)))
+    };
+    let mut used: Vec<Edge> = edges.iter().filter(|edge| is_used(edge)).cloned().collect();
+    used.extend(pins);
+    used
+}
+
+/// The nodes that edges without pinned nodes join to the reference.
+fn reached(reference: &NodeId, edges: &[Edge], pinned: &BTreeSet<&NodeId>) -> BTreeSet<NodeId> {
+    let mut reached = BTreeSet::from([reference.clone()]);
+    loop {
+        let steps = edges
+            .iter()
+            .flat_map(|edge| [(&edge.first, &edge.second), (&edge.second, &edge.first)]);
+        let is_new = |(from, to): &(&NodeId, &NodeId)| {
+            reached.contains(*from) && !reached.contains(*to) && !pinned.contains(*to)
+        };
+        let new: Vec<NodeId> = steps.filter(is_new).map(|(_, to)| to.clone()).collect();
+        if new.is_empty() {
+            return reached;
+        }
+        reached.extend(new);
     }
 }
 
@@ -121,3 +156,6 @@ impl Network {
         self.is_stale = true;
     }
 }
+
+#[cfg(test)]
+mod tests;

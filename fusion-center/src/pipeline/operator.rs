@@ -1,5 +1,6 @@
 //! What operators ask for, and what they are told.
 
+use std::collections::BTreeSet;
 use std::fmt::Display;
 
 use proto::ids::{BootId, NodeId};
@@ -58,17 +59,31 @@ impl Centre {
     fn recalibrate(&mut self, now: CentreTime, node: Option<&NodeId>) -> Result<String, String> {
         if let Some(one) = node {
             self.known(one)?;
+            if self.poses.is_pinned(one) {
+                return Err(format!("{one} is pinned: unpin it first"));
+            }
         }
+        let pinned = self.poses.pinned();
         let named: Vec<NodeId> = match node {
             Some(one) => vec![one.clone()],
-            None => self.gather.nodes().map(|(each, _)| each.clone()).collect(),
+            None => {
+                let all = self.gather.nodes().map(|(each, _)| each.clone());
+                all.filter(|each| !pinned.contains(each)).collect()
+            }
         };
+        let mut doubted: BTreeSet<NodeId> = named.iter().cloned().collect();
         for each in &named {
             self.gather.forget(each);
-            self.start_over(each);
+            doubted.extend(self.start_over(each));
         }
-        self.publish_transforms(now, &named);
-        Ok(format!("registering anew: {}", joined(named.iter())))
+        let doubted: Vec<NodeId> = doubted.into_iter().collect();
+        self.publish_transforms(now, &doubted);
+        let mut text = format!("registering anew: {}", joined(doubted.iter()));
+        if !pinned.is_empty() && named.contains(&self.config.reference) {
+            text.push_str("; pinned, in the frame of before: ");
+            text.push_str(&joined(pinned.iter()));
+        }
+        Ok(text)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use proto::geom::{Node, Ref, Se2};
 use proto::ids::NodeId;
 use proto::time::CentreTime;
 use proto::wire::{Evidence, NodeInPicture, NodeState, Outcome, Rival};
@@ -32,15 +33,29 @@ pub(super) fn outcome(outcome: &registration::Outcome) -> Outcome {
     }
 }
 
+/// The other poses of a node for which as many pairs speak: even odds.
+pub(super) fn tied(rivals: &[Se2<Ref, Node>]) -> Vec<Rival> {
+    let rival = |pose: &Se2<Ref, Node>| Rival { pose_ref_from_node: (*pose).into(), log_odds: 0.0 };
+    rivals.iter().take(MAX_RIVAL_COUNT).map(rival).collect()
+}
+
 pub(super) fn evidence(evidence: &registration::Evidence, solve_time: Duration) -> Evidence {
     let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
     Evidence {
         matched_point_count: count(evidence.matched_point_count),
+        distinct_point_count: count(evidence.distinct_point_count),
         period_count: count(evidence.period_count),
         chi_square: evidence.chi_square,
         degrees_of_freedom: evidence.degrees_of_freedom,
+        covariance_inflation: evidence.covariance_inflation,
         log_odds: evidence.log_odds,
         rival_log_odds: evidence.rival_log_odds,
+        // A bound above the best pose's own says nothing; one below "nothing in common" no more
+        // than that.
+        certified_rival_share: evidence
+            .certified_rival_share
+            .filter(|share| *share <= 1.0)
+            .map(|share| share.max(0.0)),
         solve_ms: solve_time.as_secs_f64() * 1e3,
     }
 }

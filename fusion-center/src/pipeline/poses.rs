@@ -6,14 +6,17 @@ use nalgebra::{Matrix3, Vector3};
 use proto::geom::{Node, Ref, Se2};
 use proto::ids::NodeId;
 use proto::time::CentreTime;
-use proto::wire::{Evidence, Outcome, PoseRecord, Registration, StatedPose, Suspicion, Transform};
+use proto::wire::{PoseRecord, StatedPose, Suspicion, Transform};
 use tracing::{info, warn};
 
+use self::situation::Situation;
 use super::belief::{Belief, Judgement};
 use super::monitor::Placement;
 use super::pairs::Pairs;
 use crate::network::{Edge, Group, Placed};
 use crate::registration::{self, Known, PoseEstimate, Solution};
+
+mod situation;
 
 /// Transforms kept beside the one in force, to go back to.
 const HISTORY_COUNT: usize = 4;
@@ -39,11 +42,12 @@ pub(super) struct Standing {
     pub(super) history: VecDeque<Kept>,
     pub(super) next_epoch: u64,
     pub(super) is_pinned: bool,
+    /// It was pinned before the reference was registered anew: the pose is in no frame of now.
+    is_outdated: bool,
     suspicion: Option<Suspicion>,
-    /// The nodes through which the newest combination reached it, the reference first.
-    via: Vec<NodeId>,
-    /// The others of its group, where the reference is not among them.
-    detached: Vec<NodeId>,
+    situation: Situation,
+    /// Results that contradicted the pose in force and were not accepted.
+    contradiction_count: u64,
 }
 
 /// What fresh data say about a doubted pose.
@@ -93,6 +97,42 @@ impl Standing {
             }
         }
         self.next_epoch = self.next_epoch.saturating_add(1);
+    }
+
+    /// Takes in a result about a node that is not suspect. True if another pose is in force now.
+    fn follow(&mut self, now: CentreTime, (node, new): (&NodeId, &Belief)) -> bool {
+        let Some(kept) = self.in_force else { return self.register(now, (node, new)) };
+        let old = kept.belief();
+        if old.is_same_as(new) {
+            // What new data have found again is not doubted any longer.
+            let log_odds = if old.is_doubted() { new.log_odds } else { kept.log_odds };
+            self.in_force = Some(Kept { log_odds, ..kept });
+            return false;
+        }
+        match old.judge(new) {
+            Judgement::Accept => self.enforce(now, new),
+            Judgement::Vaguer => return false,
+            Judgement::Contradicts => {
+                self.count_contradiction(node);
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Puts a pose in force whatever was before. True: that is news.
+    fn register(&mut self, now: CentreTime, (node, new): (&NodeId, &Belief)) -> bool {
+        self.enforce(now, new);
+        info!(%node, pose = ?new.pose, epoch = self.next_epoch - 1, "registered");
+        true
+    }
+
+    fn count_contradiction(&mut self, node: &NodeId) {
+        self.contradiction_count += 1;
+        if self.contradiction_count.is_power_of_two() {
+            warn!(%node, count = self.contradiction_count,
+                "the pairs contradict the transform in force without clearly more to rest on: kept");
+        }
     }
 
     /// What fresh data say about a doubted pose.
@@ -151,7 +191,12 @@ impl Poses {
 
     /// The nodes that have a pose nobody doubts.
     pub(super) fn placements(&self) -> BTreeMap<NodeId, Placement> {
-        let undoubted = self.standings.iter().filter(|(_, one)| one.suspicion.is_none());
+        let rests_on_nothing = |kept: &Kept| kept.belief().is_doubted();
+        let is_sound = |one: &Standing| {
+            let is_doubted = !one.is_pinned && one.in_force.as_ref().is_some_and(rests_on_nothing);
+            one.suspicion.is_none() && !one.is_outdated && !is_doubted
+        };
+        let undoubted = self.standings.iter().filter(|(_, one)| is_sound(one));
         let placement = |(node, _): (&NodeId, &Standing)| {
             let (pose, covariance) = self.pose(node)?;
             Some((node.clone(), Placement { pose, covariance }))
@@ -172,74 +217,59 @@ impl Poses {
     }
 
     /// Takes the poses of all groups in; returns the nodes of whom there is news.
-    pub(super) fn take<'a>(
-        &mut self,
-        now: CentreTime,
-        groups: &'a [Group],
-        pairs: &Pairs,
-    ) -> Vec<NodeId> {
-        let reference = self.reference.clone();
-        let members = |group: &'a Group| group.nodes.iter().map(move |entry| (group, entry));
-        let all = groups.iter().flat_map(members);
+    pub(super) fn take(&mut self, now: CentreTime, groups: &[Group], pairs: &Pairs) -> Vec<NodeId> {
         let mut news = Vec::new();
-        for (group, (node, placed)) in all.filter(|(_, (node, _))| **node != reference) {
-            let has_regrouped = self.regroup(node, placed, group);
-            let is_attached = group.gauge == reference;
-            if (is_attached && self.propose(now, node, placed, pairs)) || has_regrouped {
+        let reference = self.reference.clone();
+        for (node, placed, situation) in situation::situations(&reference, groups) {
+            let is_attached = matches!(situation, Situation::Placed { .. });
+            let has_regrouped = self.regroup(node, situation);
+            if (is_attached && self.propose(now, (node, placed), pairs)) || has_regrouped {
                 news.push(node.clone());
             }
         }
         news
     }
 
-    /// Notes with whom a node hangs together. True if that is news.
-    fn regroup(&mut self, node: &NodeId, placed: &Placed, group: &Group) -> bool {
+    /// Notes how a node hangs together with others. True if that is news.
+    fn regroup(&mut self, node: &NodeId, situation: Situation) -> bool {
         let standing = self.standings.entry(node.clone()).or_default();
-        let (mut via, mut detached) = (placed.via.clone(), Vec::new());
-        if group.gauge != self.reference {
-            via.clear();
-            detached.extend(group.nodes.keys().filter(|other| *other != node).cloned());
-        }
-        standing.via = via;
-        let has_changed = standing.detached != detached;
-        standing.detached = detached;
-        if has_changed && !standing.detached.is_empty() {
-            info!(%node, with = ?standing.detached, "hangs together with others only");
+        let has_changed = !standing.situation.is_like(&situation);
+        standing.situation = situation;
+        if has_changed && !matches!(standing.situation, Situation::Placed { .. }) {
+            info!(%node, situation = ?standing.situation, "does not hang together with the reference");
         }
         has_changed
     }
 
     /// True if the transform in force or its standing is another now.
-    fn propose(&mut self, now: CentreTime, node: &NodeId, placed: &Placed, pairs: &Pairs) -> bool {
+    fn propose(
+        &mut self,
+        now: CentreTime,
+        (node, placed): (&NodeId, &Placed),
+        pairs: &Pairs,
+    ) -> bool {
         let Some(standing) = self.standings.get_mut(node) else { return false };
         if standing.is_pinned {
             return false;
         }
         let PoseEstimate { pose_ref_from_node: pose, covariance } = placed.estimate;
         let new = Belief { pose, covariance, log_odds: pairs.log_odds(&placed.via) };
-        let fresh = standing.in_force.map(|kept| standing.weigh(&kept.belief(), &new));
-        let because_of = standing.suspicion.as_ref().map(|why| why.moved.clone());
-        match (standing.in_force, fresh) {
-            (Some(kept), _) if because_of.is_none() => {
-                let old = kept.belief();
-                if old.is_same_as(&new) || old.judge(&new) != Judgement::Accept {
-                    return false;
-                }
-                standing.enforce(now, &new);
-            }
-            (Some(_), Some(Fresh::Undecided)) => return false,
-            (Some(kept), Some(Fresh::Confirm)) => {
+        let Some(because_of) = standing.suspicion.as_ref().map(|why| why.moved.clone()) else {
+            return standing.follow(now, (node, &new));
+        };
+        match standing.in_force.map(|kept| (kept, standing.weigh(&kept.belief(), &new))) {
+            Some((_, Fresh::Undecided)) => return false,
+            Some((kept, Fresh::Confirm)) => {
                 info!(%node, "fresh data confirm the pose: suspicion ends");
                 standing.in_force = Some(Kept { log_odds: new.log_odds, ..kept });
             }
-            _ => {
-                standing.enforce(now, &new);
-                info!(%node, pose = ?new.pose, epoch = standing.next_epoch - 1, "registered");
+            Some((_, Fresh::Replace)) | None => {
+                standing.register(now, (node, &new));
             }
         }
         standing.suspicion = None;
         // With the first pose from fresh data of the reference, `Ref` is sound again.
-        if because_of.as_ref() == Some(&self.reference)
+        if because_of == self.reference
             && let Some(of_reference) = self.standings.get_mut(&self.reference)
         {
             of_reference.suspicion = None;
@@ -269,17 +299,52 @@ impl Poses {
         suspects
     }
 
+    /// Whose pose rests on a node: its own, and those that come in through it; everybody's, if it
+    /// is the reference. A pinned pose rests on the operator's word.
+    pub(super) fn resting_on(&self, node: &NodeId) -> Vec<NodeId> {
+        let rests = |(other, standing): &(&NodeId, &Standing)| {
+            let is_meant = *node == self.reference || *other == node;
+            **other != self.reference
+                && !standing.is_pinned
+                && (is_meant || standing.situation.via().contains(node))
+        };
+        self.standings.iter().filter(rests).map(|(other, _)| other.clone()).collect()
+    }
+
     /// The transform stays in force, but any determined pose may replace it.
     pub(super) fn doubt(&mut self, node: &NodeId) {
         let standing = self.standings.get_mut(node).filter(|_| *node != self.reference);
-        if let Some(kept) = standing.and_then(|standing| standing.in_force.as_mut()) {
+        let Some(standing) = standing else { return };
+        standing.situation = Situation::Unknown;
+        if let Some(kept) = standing.in_force.as_mut() {
             kept.log_odds = f64::NEG_INFINITY;
         }
     }
 
-    /// The solutions that stand for pinned poses.
-    pub(super) fn pins(&self) -> Vec<Edge> {
+    /// The reference is registered anew: pins go on, but nobody comes in through them until the
+    /// operator says again what holds. Returns who is pinned.
+    pub(super) fn outdate_pins(&mut self) -> Vec<NodeId> {
+        let pinned = self.standings.iter_mut().filter(|(_, standing)| standing.is_pinned);
+        let outdate = |(node, standing): (&NodeId, &mut Standing)| {
+            standing.is_outdated = true;
+            node.clone()
+        };
+        pinned.map(outdate).collect()
+    }
+
+    /// The nodes that the operator has pinned.
+    pub(super) fn pinned(&self) -> Vec<NodeId> {
         let pinned = self.standings.iter().filter(|(_, standing)| standing.is_pinned);
+        pinned.map(|(node, _)| node.clone()).collect()
+    }
+
+    /// The solutions that stand for pinned poses. Others must not come in through one that is
+    /// suspect or outdated.
+    pub(super) fn pins(&self) -> Vec<Edge> {
+        let is_pin = |standing: &Standing| {
+            standing.is_pinned && !standing.is_outdated && standing.suspicion.is_none()
+        };
+        let pinned = self.standings.iter().filter(|(_, standing)| is_pin(standing));
         let edge = |(node, standing): (&NodeId, &Standing)| {
             let belief = standing.in_force.as_ref()?.belief();
             let pose_ref_from_node = belief.pose;
@@ -313,6 +378,7 @@ impl Poses {
             standing.enforce(now, &Belief { pose, covariance, log_odds: f64::INFINITY });
             standing.suspicion = None;
         }
+        standing.is_outdated = false;
         let Some(kept) = &standing.in_force else {
             return Err(format!(
                 "{node} has no transform yet: state one with --x-m, --y-m, --heading-deg"
@@ -326,7 +392,7 @@ impl Poses {
     pub(super) fn unpin(&mut self, node: &NodeId) -> Result<String, String> {
         let standing = self.standings.get_mut(node).filter(|standing| standing.is_pinned);
         let Some(standing) = standing else { return Err(format!("{node} is not pinned")) };
-        standing.is_pinned = false;
+        (standing.is_pinned, standing.is_outdated) = (false, false);
         standing.suspicion = None;
         self.doubt(node);
         Ok(format!("{node} follows the results again"))
@@ -346,7 +412,7 @@ impl Poses {
         standing.enforce(now, &earlier.belief());
         // What was rolled back is not what to go back to.
         standing.history.retain(|kept| Some(*kept) != replaced);
-        standing.is_pinned = true;
+        (standing.is_pinned, standing.is_outdated) = (true, false);
         standing.suspicion = None;
         let (of, epoch) = (earlier.transform.epoch, standing.next_epoch - 1);
         Ok(format!(
@@ -370,49 +436,6 @@ impl Poses {
         true
     }
 
-    /// What to tell of a node.
-    pub(super) fn registration(
-        &self,
-        now: CentreTime,
-        node: &NodeId,
-        pairs: &Pairs,
-    ) -> Option<Registration> {
-        let standing = self.standings.get(node)?;
-        let group = standing.detached.iter().take(1).chain([node]).cloned();
-        let group: Vec<NodeId> = group.collect();
-        let via = if standing.detached.is_empty() { &standing.via } else { &group };
-        let newest = pairs.newest(node, via);
-        let (outcome, evidence, sets, solver) = match newest {
-            _ if *node == self.reference => (Outcome::Reference, Evidence::default(), None, ""),
-            Some((one, sets)) => (one.outcome.clone(), one.evidence, Some(sets), one.solver),
-            None => {
-                standing.in_force?;
-                let missing = "nothing was solved yet in this life of the centre".to_owned();
-                (Outcome::Underdetermined { missing }, Evidence::default(), None, "")
-            }
-        };
-        let outcome = match outcome {
-            Outcome::Reference => Outcome::Reference,
-            _ if !standing.detached.is_empty() => {
-                Outcome::Detached { with: standing.detached.clone() }
-            }
-            other => other,
-        };
-        Some(Registration {
-            node: node.clone(),
-            reference: self.reference.clone(),
-            published: now,
-            transform: standing.in_force.map(|kept| kept.transform),
-            outcome,
-            evidence,
-            sets,
-            solver: solver.to_owned(),
-            via: standing.via.clone(),
-            suspicion: standing.suspicion.clone(),
-            is_pinned: standing.is_pinned,
-        })
-    }
-
     /// A node of which something was solved is spoken of from now on.
     pub(super) fn note(&mut self, node: &NodeId) {
         self.standings.entry(node.clone()).or_default();
@@ -429,3 +452,6 @@ fn opposite(why: &Suspicion, kept: Option<&Kept>) -> Vector3<f64> {
     let turn = -why.turn_rad;
     Vector3::new(-why.shift_x_m - turn * at.1, -why.shift_y_m + turn * at.0, turn)
 }
+
+#[cfg(test)]
+mod tests;

@@ -9,13 +9,12 @@ use proto::wire::{PoseRecord, Transform};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::belief::MAX_LOG_ODDS;
 use super::poses::{Kept, Standing};
 use crate::config::CentreConfig;
 
 /// Layout of the file.
 const SCHEMA: u32 = 1;
-/// Odds are written within this; infinite ones have no number in the file.
-const MAX_LOG_ODDS: f64 = 1e9;
 /// Epochs are below this in any file that a centre wrote.
 const MAX_EPOCH: u64 = 1 << 53;
 /// How far from symmetric a covariance may be, as a share of its norm.
@@ -93,6 +92,7 @@ pub(super) fn written(
 ) -> Result<String, toml::ser::Error> {
     let transform = |kept: &Kept| TransformLine {
         epoch: kept.transform.epoch,
+        // Infinite ones have no number in the file.
         log_odds: kept.log_odds.clamp(-MAX_LOG_ODDS, MAX_LOG_ODDS),
         pose_ref_from_node: kept.transform.pose_ref_from_node,
         covariance: kept.transform.covariance,

@@ -54,6 +54,11 @@ pub(super) fn not_negative(field: &'static str, value: f64) -> Result<(), Invali
     require(good, field, value, "a finite number of zero or more is expected")
 }
 
+/// A part of a whole.
+pub(super) fn share(field: &'static str, value: f64) -> Result<(), Invalid> {
+    require((0.0..=1.0).contains(&value), field, value, "0 to 1 is expected")
+}
+
 /// Half the depth of a target, or its spread: no body is deeper.
 pub(super) fn half_depth(field: &'static str, value_m: f64) -> Result<(), Invalid> {
     let believable = (0.0..=MAX_HALF_DEPTH_M).contains(&value_m);

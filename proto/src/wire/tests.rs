@@ -50,12 +50,22 @@ fn registration() -> Registration {
         published: CentreTime(1),
         transform: Some(transform()),
         outcome: Outcome::Determined,
-        evidence: Evidence::default(),
+        evidence: evidence(),
         sets: None,
         solver: "default".to_owned(),
         via: vec!["n0".parse().unwrap(), node()],
         suspicion: Some(suspicion()),
         is_pinned: true,
+    }
+}
+
+fn evidence() -> Evidence {
+    Evidence {
+        matched_point_count: 40,
+        distinct_point_count: 12,
+        covariance_inflation: 1.5,
+        certified_rival_share: Some(0.25),
+        ..Evidence::default()
     }
 }
 
@@ -269,6 +279,16 @@ fn senseless_fields_are_refused_on_both_sides() {
     let mut doubted = registration();
     doubted.suspicion = Some(Suspicion { turn_rad: f64::NAN, ..suspicion() });
     assert!(encode(STAMP, &doubted).unwrap_err().to_string().contains("suspicion.turn_rad"));
+    for (changed, named) in [
+        (Evidence { certified_rival_share: Some(1.5), ..evidence() }, "certified_rival_share"),
+        (Evidence { certified_rival_share: Some(-0.1), ..evidence() }, "certified_rival_share"),
+        (Evidence { certified_rival_share: Some(f64::NAN), ..evidence() }, "certified_rival_share"),
+        (Evidence { covariance_inflation: f64::INFINITY, ..evidence() }, "covariance_inflation"),
+        (Evidence { covariance_inflation: -1.0, ..evidence() }, "covariance_inflation"),
+    ] {
+        let refusal = encode(STAMP, &Registration { evidence: changed, ..registration() });
+        assert!(refusal.unwrap_err().to_string().contains(named), "{changed:?}");
+    }
     let pose_ref_from_node = transform().pose_ref_from_node;
     for (sigma_m, sigma_rad, named) in [(0.0, 0.1, "sigma_m"), (0.1, 9.0, "sigma_rad")] {
         let pose = Some(StatedPose { pose_ref_from_node, sigma_m, sigma_rad });

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::check::Invalid;
 use super::check::{
-    at_most, coordinate, covariance, finite, not_negative, pose_covariance, require,
+    at_most, coordinate, covariance, finite, not_negative, pose_covariance, require, share,
 };
 use super::codec::Message;
 use super::header::Kind;
@@ -152,16 +152,24 @@ pub struct Suspicion {
 pub struct Evidence {
     /// Points of the node that found a partner.
     pub matched_point_count: u32,
+    /// Places, apart from each other, at which they lie.
+    pub distinct_point_count: u32,
     /// Periods in which both nodes were heard.
     pub period_count: u32,
     /// Sum of squared normalised residuals of the matched points.
     pub chi_square: f64,
     /// Its degrees of freedom.
     pub degrees_of_freedom: f64,
+    /// By how much the covariance was multiplied because residuals contradict the stated one or
+    /// errors last longer than a period: 1 where they agree, 0 where nothing was solved.
+    pub covariance_inflation: f64,
     /// Natural logarithm of the pose's odds against "nothing in common".
     pub log_odds: f64,
     /// Natural logarithm of the pose's odds against the best separated rival, if there is one.
     pub rival_log_odds: Option<f64>,
+    /// Proven: no pose apart from the best one has more than this share of its log likelihood
+    /// ratio, 0 to 1. `None` where nothing was proven.
+    pub certified_rival_share: Option<f64>,
     /// Time that the solver took.
     pub solve_ms: f64,
 }
@@ -220,9 +228,7 @@ impl Message for Registration {
             transform.pose_ref_from_node.check()?;
             pose_covariance("transform.covariance", &transform.covariance)?;
         }
-        finite("evidence.log_odds", self.evidence.log_odds)?;
-        not_negative("evidence.chi_square", self.evidence.chi_square)?;
-        not_negative("evidence.solve_ms", self.evidence.solve_ms)?;
+        self.evidence.check()?;
         at_most("via", self.via.len(), MAX_NODE_COUNT)?;
         self.suspicion.as_ref().map_or(Ok(()), Suspicion::check)?;
         match &self.outcome {
@@ -239,6 +245,17 @@ impl Message for Registration {
             }
             Outcome::Detached { with } => at_most("outcome.with", with.len(), MAX_NODE_COUNT),
         }
+    }
+}
+
+impl Evidence {
+    fn check(&self) -> Result<(), Invalid> {
+        finite("evidence.log_odds", self.log_odds)?;
+        not_negative("evidence.chi_square", self.chi_square)?;
+        not_negative("evidence.covariance_inflation", self.covariance_inflation)?;
+        not_negative("evidence.solve_ms", self.solve_ms)?;
+        self.certified_rival_share
+            .map_or(Ok(()), |part| share("evidence.certified_rival_share", part))
     }
 }
 

@@ -55,11 +55,25 @@ fn a_poorer_pose_never_replaces_a_better_one() {
         (solved(0.8, 0.45, 10.0), 0.0, "it fits, but is far vaguer"),
         (solved(0.02, 0.012, 190.0), 0.02, "it refines"),
         (solved(3.0, 0.01, 100.0), 0.02, "it contradicts and rests on less"),
+        (solved(0.8, 0.45, 500.0), 0.02, "far vaguer, on whatever it rests"),
+        (solved(3.0, 0.05, 500.0), 0.02, "it contradicts and is far vaguer"),
+        (solved(3.0, 0.01, 196.0), 0.02, "it contradicts and rests on hardly more"),
         (solved(3.0, 0.01, 300.0), 3.0, "it contradicts and rests on more"),
     ] {
         pairs.take(&proposed);
         assert!((x_m(&pairs) - in_force_m).abs() < 1e-12, "{why}");
     }
+}
+
+#[test]
+fn two_modes_that_are_nearly_as_likely_do_not_take_turns() {
+    let mut pairs = pairs(1);
+    pairs.take(&solved(0.0, 0.01, 100.0));
+    for round in 0..20 {
+        let lead = 0.3 * f64::from(round);
+        assert!(!pairs.take(&solved(2.0, 0.01, 100.0 + lead)), "{lead}");
+    }
+    assert!(pairs.take(&solved(2.0, 0.01, 107.0)), "a thousand times as likely");
 }
 
 #[test]
