@@ -143,3 +143,19 @@ fn what_was_spent_must_be_earned_first() {
     pairs.start(CentreTime(60_000_000_000), &gather);
     assert!((pairs.budget_s - savings_s).abs() < 1e-12, "savings are bounded");
 }
+
+#[test]
+fn the_certificate_goes_out_and_a_bound_that_says_nothing_does_not() {
+    for (share, told) in [(Some(0.4), Some(0.4)), (Some(1.2), None), (Some(-0.1), Some(0.0))] {
+        let evidence = registration::Evidence {
+            distinct_point_count: 7,
+            covariance_inflation: 1.5,
+            certified_rival_share: share,
+            ..registration::Evidence::default()
+        };
+        let sent = outcomes::evidence(&evidence, Duration::ZERO);
+        let Evidence { distinct_point_count, covariance_inflation, .. } = sent;
+        assert_eq!((distinct_point_count, sent.certified_rival_share), (7, told));
+        assert!((covariance_inflation - 1.5).abs() < 1e-12);
+    }
+}
