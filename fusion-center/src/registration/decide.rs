@@ -7,7 +7,7 @@
 //! inverse observed information and `r` = χ²/degrees of freedom where that is significantly above 1.
 //! Errors that last longer than a period are counted in Λ' and `q` already. The covariance is
 //! `C max(r, s)`, `s` how much longer errors last, and what lasting offsets along the lines of sight
-//! add (see `offsets`).
+//! add (see `offsets`). The default solver puts the joint fit's pose and covariance in their place.
 //!
 //! A mode is a rival of the best one if their `ln O` differ by less than the configured odds; if its
 //! own `ln O` is more than a configured share of the best one's; or if the motion between the two

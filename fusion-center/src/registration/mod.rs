@@ -83,8 +83,9 @@ pub trait Solver: Send + Sync {
     fn name(&self) -> &'static str;
 
     /// The pose of the node and how far the data decide it. `known` is what the last solution of
-    /// the same node found; it saves time and changes no outcome. The same problem and the same
-    /// `known` give the same bytes.
+    /// the same node found; it saves time, and with it rivals are sought near what was known and
+    /// among few fresh hypotheses, and nothing is certified. The same problem and the same `known`
+    /// give the same bytes.
     fn solve(&self, problem: &Problem, known: Option<&Known>) -> Solution;
 }
 
