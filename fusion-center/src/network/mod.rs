@@ -248,12 +248,17 @@ pub fn combine(reference: &NodeId, nodes: &[NodeId], edges: &[Edge]) -> Vec<Grou
 /// average out among nodes.
 const MAX_GAIN: f64 = 2.0;
 
-/// Each group of more than two nodes refined from its points; a pair's own solution knows more of
-/// two nodes.
+/// Each group of more than two nodes refined from its points, where these are points; a pair's own
+/// solution knows more of two nodes. Of people, whose half depth is uncertain, the refinement is
+/// left out: it takes the errors of each period as independent, and theirs last. In the `office`
+/// scenario it made the error 0.090 m and the mean squared normalised error 4.9, where the edges had
+/// 0.080 m and 3.1 (8 seeds).
 #[must_use]
 pub fn refined(problem: &SiteProblem, groups: Vec<Group>) -> Vec<Group> {
+    let are_points = problem.views.values().all(|view| view.half_depth_sigma_m <= 0.0);
     let of_points = |group: Group| {
-        if group.nodes.len() < 3 { group } else { sober(&group, refine(problem, &group)) }
+        let is_worth = are_points && group.nodes.len() > 2;
+        if is_worth { sober(&group, refine(problem, &group)) } else { group }
     };
     groups.into_iter().map(of_points).collect()
 }
