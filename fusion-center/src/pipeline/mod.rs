@@ -183,7 +183,7 @@ impl Centre {
             self.outbox.push(Effect::Combine(Box::new(combination)));
         }
         // What is told of a pose that is about to change would be old at once.
-        if !self.network.is_in_flight() {
+        if self.network.is_quiet() {
             let told: Vec<NodeId> = std::mem::take(&mut self.told).into_iter().collect();
             self.publish_transforms(now, &told);
         }

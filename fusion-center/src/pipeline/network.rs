@@ -109,6 +109,8 @@ pub(super) struct Network {
     /// The solutions in force are others than those last combined.
     pub(super) is_stale: bool,
     in_flight: bool,
+    /// A combination ended just now.
+    has_news: bool,
     /// Counts the wishes to start over: combinations of earlier solutions are not believed.
     generation: u64,
     rests_until: CentreTime,
@@ -117,7 +119,7 @@ pub(super) struct Network {
 impl Network {
     pub(super) fn new() -> Self {
         let rests_until = CentreTime(0);
-        Self { is_stale: false, in_flight: false, generation: 0, rests_until }
+        Self { is_stale: false, in_flight: false, has_news: false, generation: 0, rests_until }
     }
 
     /// Whether a combination may start now.
@@ -125,9 +127,10 @@ impl Network {
         self.is_stale && !self.in_flight && self.rests_until <= now
     }
 
-    /// Whether a combination is under way.
-    pub(super) fn is_in_flight(&self) -> bool {
-        self.in_flight
+    /// Whether what the poses say holds for now: nothing is being combined, and nothing waits for
+    /// it that came since the last time was told of.
+    pub(super) fn is_quiet(&mut self) -> bool {
+        !self.in_flight && (std::mem::take(&mut self.has_news) || !self.is_stale)
     }
 
     /// Notes that a combination starts; returns its generation.
@@ -138,7 +141,7 @@ impl Network {
 
     /// Notes that it ended. True if it is to be believed.
     pub(super) fn end(&mut self, now: CentreTime, combined: &Combined) -> bool {
-        self.in_flight = false;
+        (self.in_flight, self.has_news) = (false, true);
         let pause = combined.time.saturating_mul(PAUSE_FACTOR);
         let pause_ns = i64::try_from(pause.as_nanos()).unwrap_or(i64::MAX);
         self.rests_until = CentreTime(now.0.saturating_add(pause_ns));

@@ -15,7 +15,7 @@
 //! differs: covariances turn as `Φ R Φᵀ` and not by eq. (17), because that one turns them the
 //! wrong way where the decomposition returns a reflection.
 //!
-//! Assumes usable points, as [`Prepared`] leaves them. Cost: one pass over all pairs of points of
+//! Assumes usable points, as `Prepared` leaves them. Cost: one pass over all pairs of points of
 //! one period; pairs too far apart to matter cost no exponential.
 
 use std::f64::consts::TAU;
