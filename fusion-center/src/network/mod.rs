@@ -25,6 +25,7 @@ mod site_cases;
 
 pub use combine::combine_judged;
 pub use refine::refine;
+pub use relative::inverse;
 
 /// What one node saw in one period.
 #[derive(Clone, Debug, Default, PartialEq)]

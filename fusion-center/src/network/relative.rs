@@ -72,6 +72,14 @@ impl Relative {
     }
 }
 
+/// The estimate the other way round: `t' = −Φᵀ t`, `φ' = −φ`, and what becomes of the covariance.
+/// `Ref` and `Node` change places.
+#[must_use]
+pub fn inverse(estimate: &PoseEstimate) -> PoseEstimate {
+    let pose = numbers(&estimate.pose_ref_from_node);
+    Relative { pose, covariance: estimate.covariance }.inverse().estimate()
+}
+
 /// `(x_m, y_m, heading_rad)` of a pose.
 pub(super) fn numbers(pose: &Se2<Ref, Node>) -> Vector3<f64> {
     let shift = pose.translation_m();

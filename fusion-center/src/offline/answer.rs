@@ -8,7 +8,7 @@ use proto::ids::NodeId;
 use serde::Serialize;
 
 use super::Asked;
-use crate::network::{Edge, Group, Placed, SiteSolution, Standing};
+use crate::network::{Edge, Group, Placed, SiteSolution, Standing, inverse};
 use crate::registration::{Evidence, Outcome, PoseEstimate, Rival, Solution};
 
 /// The answer to one problem.
@@ -305,16 +305,6 @@ fn seen_from(edge: &Edge, first: &NodeId) -> Solution {
 fn renamed(pose: Se2<Node, Ref>) -> Se2<Ref, Node> {
     let at = pose.translation_m();
     Se2::new(at.x, at.y, pose.heading_rad())
-}
-
-/// The estimate in the other direction: `t' = −Φᵀ t`, `φ' = −φ`.
-fn inverse(estimate: &PoseEstimate) -> PoseEstimate {
-    let pose_ref_from_node = renamed(estimate.pose_ref_from_node.inverse());
-    let (back, at) = (pose_ref_from_node.rotation(), pose_ref_from_node.translation_m());
-    let (cos, sin) = (back[(0, 0)], back[(1, 0)]);
-    let jacobian = Matrix3::new(-cos, sin, at.y, -sin, -cos, -at.x, 0.0, 0.0, -1.0);
-    let covariance = jacobian * estimate.covariance * jacobian.transpose();
-    PoseEstimate { pose_ref_from_node, covariance }
 }
 
 fn of_group(group: &Group, node: &NodeId) -> Option<GroupJson> {

@@ -28,7 +28,12 @@ pub(super) struct Case<'a> {
     pub(super) decision: &'a DecisionConfig,
 }
 
-impl Case<'_> {
+impl<'a> Case<'a> {
+    /// What is judged: a problem as prepared, under the limits of `decision`.
+    pub(super) fn new(data: &'a Prepared, problem: &Problem, decision: &'a DecisionConfig) -> Self {
+        Self { data, given_period_count: problem.periods.len(), decision }
+    }
+
     /// The answer of an estimator that found nothing.
     pub(super) fn nothing_found(&self) -> Solution {
         decide_first(self.data, &[], self.given_period_count, self.decision)

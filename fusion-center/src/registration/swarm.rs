@@ -102,11 +102,7 @@ impl Solver for Swarm {
 
     fn solve(&self, problem: &Problem, _known: Option<&Known>) -> Solution {
         let data = Prepared::new(problem);
-        let case = Case {
-            data: &data,
-            given_period_count: problem.periods.len(),
-            decision: &self.decision,
-        };
+        let case = Case::new(&data, problem, &self.decision);
         if data.spans.is_empty() || self.config.particle_count == 0 {
             return case.nothing_found();
         }

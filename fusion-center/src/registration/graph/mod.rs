@@ -74,11 +74,7 @@ impl Solver for Graph {
 
     fn solve(&self, problem: &Problem, _known: Option<&Known>) -> Solution {
         let data = Prepared::new(problem);
-        let case = Case {
-            data: &data,
-            given_period_count: problem.periods.len(),
-            decision: &self.decision,
-        };
+        let case = Case::new(&data, problem, &self.decision);
         let pairs = self.associate(&data);
         match rigid::fit(&data, &pairs) {
             Some(motion) => case.judge(&motion, &likely_motions(problem), |_| {

@@ -93,11 +93,7 @@ impl Solver for L2 {
 
     fn solve(&self, problem: &Problem, _known: Option<&Known>) -> Solution {
         let data = Prepared::new(problem);
-        let case = Case {
-            data: &data,
-            given_period_count: problem.periods.len(),
-            decision: &self.decision,
-        };
+        let case = Case::new(&data, problem, &self.decision);
         let likely = likely_motions(problem);
         match search::search(&data, &likely, &self.config) {
             Some((motion, _)) => case.judge(&motion, &likely, |mode| {
