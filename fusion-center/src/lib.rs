@@ -11,3 +11,5 @@ pub mod registration;
 pub mod service;
 pub mod simulate;
 pub mod simulate_site;
+mod statistics;
+mod usable;

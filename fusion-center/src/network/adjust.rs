@@ -10,9 +10,10 @@
 //! targets it is too wide, by at most `√(1 + m/2)` in σ, and never too narrow.
 
 use nalgebra::{Cholesky, Matrix3, SMatrix, Vector3};
+use proto::geom::squared_length;
 
 use super::dense::{Normal, Symmetric};
-use super::relative::{Relative, compose, difference, invert};
+use super::relative::{Pose, Relative};
 
 /// Most Gauss-Newton steps; from a tree that agrees with the edges, three do.
 const MAX_STEP_COUNT: usize = 12;
@@ -35,7 +36,7 @@ pub(super) struct Link {
 /// The poses of all nodes in node 0's frame.
 #[derive(Clone, Debug)]
 pub(super) struct Adjusted {
-    pub(super) poses: Vec<Vector3<f64>>,
+    pub(super) poses: Vec<Pose>,
     covariance: Symmetric,
 }
 
@@ -57,7 +58,7 @@ pub(super) fn shares(node_count: usize, links: &[Link]) -> Vec<f64> {
 
 /// The poses that fit the links best, from poses near them. `None` where the links leave a node
 /// undetermined, or the steps do not come to rest.
-pub(super) fn adjust(start: &[Vector3<f64>], links: &[Link]) -> Option<Adjusted> {
+pub(super) fn adjust(start: &[Pose], links: &[Link]) -> Option<Adjusted> {
     let shares = shares(start.len(), links);
     let information: Option<Vec<Matrix3<f64>>> = links
         .iter()
@@ -71,8 +72,7 @@ pub(super) fn adjust(start: &[Vector3<f64>], links: &[Link]) -> Option<Adjusted>
         let (normal, mut step) = equations(&poses, links, &information);
         normal.factor()?.solve(&mut step);
         for (pose, change) in poses[1..].iter_mut().zip(step.chunks_exact(3)) {
-            let moved = *pose + Vector3::from_column_slice(change);
-            *pose = compose(&moved, &Vector3::zeros());
+            *pose = pose.plus(&Vector3::from_column_slice(change));
         }
         let largest = step.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         if !largest.is_finite() {
@@ -91,28 +91,17 @@ pub(super) fn adjust(start: &[Vector3<f64>], links: &[Link]) -> Option<Adjusted>
     Some(Adjusted { poses, covariance })
 }
 
-/// `X_i⁻¹ X_j` and its derivatives by both poses.
-fn prediction(
-    from: &Vector3<f64>,
-    to: &Vector3<f64>,
-) -> (Vector3<f64>, Matrix3<f64>, Matrix3<f64>) {
-    let seen = compose(&invert(from), to);
-    let (sin, cos) = from.z.sin_cos();
-    let by_from = Matrix3::new(-cos, -sin, seen.y, sin, -cos, -seen.x, 0.0, 0.0, -1.0);
-    let by_to = Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
-    (seen, by_from, by_to)
-}
-
 fn equations(
-    poses: &[Vector3<f64>],
+    poses: &[Pose],
     links: &[Link],
     information: &[Matrix3<f64>],
 ) -> (Normal, Vec<f64>) {
     let size = 3 * (poses.len() - 1);
     let (mut normal, mut right) = (Normal::new(size), vec![0.0; size]);
     for (link, weight) in links.iter().zip(information) {
-        let (seen, by_from, by_to) = prediction(&poses[link.from], &poses[link.to]);
-        let residual = difference(&link.step.pose, &seen);
+        let (seen, by_both) = poses[link.from].between(&poses[link.to]);
+        let (by_from, by_to) = (by_both.by_first, by_both.by_second);
+        let residual = link.step.pose.minus(&seen);
         let ends =
             [(link.from, by_from.transpose() * weight), (link.to, by_to.transpose() * weight)];
         for (node, pull) in &ends {
@@ -158,7 +147,7 @@ impl Adjusted {
 
     /// `to` as seen from `from` with the covariance that the adjustment leaves.
     fn relative(&self, from: usize, to: usize) -> Relative {
-        let (pose, by_from, by_to) = prediction(&self.poses[from], &self.poses[to]);
+        let (pose, by_both) = self.poses[from].between(&self.poses[to]);
         let mut both = SMatrix::<f64, 6, 6>::zeros();
         for (row, a) in [from, to].into_iter().enumerate() {
             for (column, b) in [from, to].into_iter().enumerate() {
@@ -166,8 +155,8 @@ impl Adjusted {
             }
         }
         let mut jacobian = SMatrix::<f64, 3, 6>::zeros();
-        jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&by_from);
-        jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&by_to);
+        jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&by_both.by_first);
+        jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&by_both.by_second);
         Relative { pose, covariance: jacobian * both * jacobian.transpose() }
     }
 
@@ -185,10 +174,10 @@ impl Adjusted {
         let left = used - with.covariance;
         let is_checked = (0..3).all(|i| left[(i, i)] > CHECKED_SHARE * used[(i, i)]);
         let factor = Cholesky::new(left).filter(|_| is_checked)?;
-        let residual = difference(&link.step.pose, &with.pose);
+        let residual = link.step.pose.minus(&with.pose);
         let others_residual = used * factor.solve(&residual);
         let others = used * factor.solve(&with.covariance);
-        let sum = Cholesky::new((others + others.transpose()) * 0.5 + link.step.covariance)?;
-        Some(others_residual.dot(&sum.solve(&others_residual)))
+        let sum = (others + others.transpose()) * 0.5 + link.step.covariance;
+        squared_length(&others_residual, &sum)
     }
 }

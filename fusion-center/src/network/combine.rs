@@ -13,14 +13,14 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
-use proto::geom::{Node, Ref, Se2};
 use proto::ids::NodeId;
 
 use super::adjust::{Adjusted, Link, adjust, shares};
-use super::graph::{Candidate, Consensus, Cut, GATE, Graph, Tree};
-use super::relative::{Relative, compose, invert};
+use super::graph::{Candidate, Consensus, Cut, Graph, Tree};
+use super::relative::{Pose, Relative};
 use super::{Combined, Edge, Group, Placed, Refinement, Standing, Verdict};
 use crate::registration::{Outcome, PoseEstimate, Rival};
+use crate::statistics::POSE_GATE;
 
 /// Most rounds of adjusting and judging; each drops the worst edge of a part.
 const MAX_ROUND_COUNT: usize = 8;
@@ -85,7 +85,7 @@ struct Settled {
 /// A cut that ties, with the other pose of its far anchor.
 struct Tie {
     cut: Cut,
-    rival: Vector3<f64>,
+    rival: Pose,
 }
 
 impl State<'_> {
@@ -212,7 +212,7 @@ impl Settled {
         let distance = |position: &usize| self.chi_squares[*position].unwrap_or(0.0);
         let worst = (0..self.chi_squares.len())
             .max_by(|a, b| distance(a).total_cmp(&distance(b)).then(b.cmp(a)))
-            .filter(|position| distance(position) > GATE);
+            .filter(|position| distance(position) > POSE_GATE);
         if let Some(worst) = worst {
             self.consensus.chosen[worst] = None;
         }
@@ -224,7 +224,7 @@ impl Settled {
         let Some(adjusted) = &self.adjusted else { return false };
         let agreeing = |range: &std::ops::Range<usize>| {
             let mut agrees = range.clone();
-            agrees.find(|index| adjusted.outside_chi_square(&self.link(*index)) < GATE)
+            agrees.find(|index| adjusted.outside_chi_square(&self.link(*index)) < POSE_GATE)
         };
         let is_out = |position: &usize| self.consensus.chosen[*position].is_none();
         let found = (0..self.graph.edges.len())
@@ -297,14 +297,10 @@ impl Settled {
 
     /// A node behind a tie as it most likely lies, with the poses that it could have instead.
     fn doubtful(&self, node: usize, ties: &[Tie], names: &[&NodeId]) -> Placed {
-        let pose = |anchor: &Vector3<f64>, from: &Vector3<f64>| {
-            let moved = compose(anchor, &compose(&invert(from), &self.consensus.tree.poses[node]));
-            Se2::<Ref, Node>::new(moved.x, moved.y, moved.z)
-        };
-        let rivals = ties
-            .iter()
-            .filter(|tie| tie.cut.is_far[node])
-            .map(|tie| pose(&tie.rival, &self.consensus.tree.poses[tie.cut.anchors.1]));
+        let poses = &self.consensus.tree.poses;
+        let moved = |tie: &Tie| tie.rival * (poses[tie.cut.anchors.1].inverse() * poses[node]);
+        let rivals =
+            ties.iter().filter(|tie| tie.cut.is_far[node]).map(|tie| moved(tie).renamed());
         Placed {
             estimate: self.placed(node).estimate(),
             via: self.route(node, names),

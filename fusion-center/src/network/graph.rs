@@ -8,10 +8,8 @@
 //! are more, the far side is hung on one of theirs, until no cut is outvoted. This climbs in the
 //! number of agreeing edges; it needs no start near the answer and no triangles.
 
-use super::relative::{Relative, compose, invert};
-
-/// Squared distance within which two poses agree: 99.99 % of χ² with three degrees of freedom.
-pub(super) const GATE: f64 = 21.1;
+use super::relative::{Pose, Relative};
+use crate::statistics::POSE_GATE;
 
 /// Candidates of one cut that are tried as the centre of a set: more need not be tried, because a
 /// set that could win has most of them.
@@ -164,12 +162,13 @@ impl Candidate {
 
     /// Whether this step and the next agree with the direct one.
     fn closes(&self, next: &Self, direct: &Self) -> bool {
-        let turn = self.step.pose.z + next.step.pose.z - direct.step.pose.z;
+        let heading_rad = |candidate: &Self| candidate.step.pose.heading_rad();
+        let turn = heading_rad(self) + heading_rad(next) - heading_rad(direct);
         let heading = proto::geom::wrap_angle(turn);
         let variance = |candidate: &Self| candidate.step.covariance[(2, 2)];
         // The heading alone tells most wrong ones, and costs little.
-        let allowed = GATE * (variance(self) + variance(next) + variance(direct));
-        heading * heading < allowed && self.step.then(&next.step).chi_square_to(&direct.step) < GATE
+        let allowed = POSE_GATE * (variance(self) + variance(next) + variance(direct));
+        heading * heading < allowed && self.step.then(&next.step).chi_square_to(&direct.step) < POSE_GATE
     }
 }
 
@@ -178,7 +177,7 @@ impl Candidate {
 pub(super) struct Tree {
     /// `(parent, candidate)`; `None` for node 0.
     pub(super) parent: Vec<Option<(usize, usize)>>,
-    pub(super) poses: Vec<nalgebra::Vector3<f64>>,
+    pub(super) poses: Vec<Pose>,
     depth: Vec<usize>,
     /// Node, then its descendants, are numbered `entry[node]..exit[node]`.
     entry: Vec<usize>,
@@ -191,7 +190,7 @@ impl Tree {
         let count = graph.node_count;
         let mut tree = Self {
             parent: vec![None; count],
-            poses: vec![nalgebra::Vector3::zeros(); count],
+            poses: vec![Pose::identity(); count],
             depth: vec![0; count],
             entry: vec![0; count],
             exit: vec![1; count],
@@ -215,7 +214,7 @@ impl Tree {
                 tree.parent[other] = Some((node, index));
                 tree.depth[other] = tree.depth[node] + 1;
                 let step = graph.candidates[index].step_from(node);
-                tree.poses[other] = compose(&tree.poses[node], &step.pose);
+                tree.poses[other] = tree.poses[node] * step.pose;
                 order.push(other);
             }
         }
@@ -268,7 +267,7 @@ impl Tree {
             *so_far = graph.candidates[link].step_from(parent).then(so_far);
             *side = parent;
         }
-        let pose = compose(&invert(&self.poses[from]), &self.poses[to]);
+        let pose = self.poses[from].inverse() * self.poses[to];
         let covariance = to_left.inverse().then(&to_right).covariance;
         Relative { pose, covariance }
     }
@@ -301,7 +300,7 @@ pub(super) struct Votes {
     /// The candidate at the centre of that set.
     pub(super) centre: Option<usize>,
     /// The far anchor's pose in node 0's frame by that candidate.
-    pub(super) rival: nalgebra::Vector3<f64>,
+    pub(super) rival: Pose,
 }
 
 impl Consensus {
@@ -333,7 +332,7 @@ impl Consensus {
                 let distance = |index: usize| graph.candidates[index].step.chi_square_to(&path);
                 let nearest = range.clone().map(|index| (distance(index), index));
                 let nearest = nearest.min_by(|a, b| a.0.total_cmp(&b.0));
-                nearest.filter(|(chi_square, _)| *chi_square < GATE).map(|(_, index)| index)
+                nearest.filter(|(chi_square, _)| *chi_square < POSE_GATE).map(|(_, index)| index)
             })
         };
         let chosen = graph.edges.iter().map(best).collect();
@@ -397,7 +396,7 @@ impl Consensus {
             implied
                 .chunk_by(|a, b| graph.candidates[a.0].edge == graph.candidates[b.0].edge)
                 .filter(|of_edge| {
-                    of_edge.iter().any(|(_, other)| centre.chi_square_to(other) < GATE)
+                    of_edge.iter().any(|(_, other)| centre.chi_square_to(other) < POSE_GATE)
                 })
                 .count()
         };
@@ -405,12 +404,12 @@ impl Consensus {
         let centres = implied.iter().step_by(stride);
         let best = centres.map(|(index, centre)| (agreeing(centre), *index, centre));
         let best = best.max_by_key(|(count, index, _)| (*count, std::cmp::Reverse(*index)));
-        let near = &self.tree.poses[cut.anchors.0];
+        let near = self.tree.poses[cut.anchors.0];
         Votes {
             kept_count,
             other_count: best.map_or(0, |(count, ..)| count),
             centre: best.map(|(_, index, _)| index),
-            rival: best.map_or(*near, |(.., pose)| compose(near, &pose.pose)),
+            rival: best.map_or(near, |(.., pose)| near * pose.pose),
         }
     }
 

@@ -8,10 +8,10 @@
 
 use std::collections::BTreeMap;
 
-use proto::geom::{Gaussian, Node, Point, Ref, Se2};
+use proto::geom::{Gaussian, Node, Ref, Se2};
 use proto::ids::NodeId;
 
-use crate::registration::{Period, PoseEstimate, Problem, Solution, Solver};
+use crate::registration::{PoseEstimate, Problem, Seen, Solution, Solver};
 
 mod adjust;
 mod combine;
@@ -43,6 +43,16 @@ pub struct NodeView {
     pub half_depth_sigma_m: f64,
     /// By period.
     pub sets: BTreeMap<i64, SeenSet>,
+}
+
+impl NodeView {
+    fn seen<'a>(
+        &self,
+        set: &'a SeenSet,
+    ) -> Seen<impl Iterator<Item = Gaussian<Node>> + use<'a>> {
+        let half_depth_sigma_m = self.half_depth_sigma_m;
+        Seen { time_s: set.time_s, half_depth_sigma_m, points: set.points.iter().copied() }
+    }
 }
 
 /// What is to be registered: the views of all nodes.
@@ -217,24 +227,10 @@ impl SiteProblem {
         let (Some(one), Some(other)) = (self.views.get(first), self.views.get(second)) else {
             return Problem::default();
         };
-        let common =
-            one.sets.iter().filter_map(|(period, set)| Some((set, other.sets.get(period)?)));
-        // The first node's own frame is `Ref`: only the name of the frame changes.
-        let renamed = |point: &Gaussian<Node>| Gaussian::<Ref> {
-            mean: Point::from_coords(point.mean.coords_m),
-            cov_m2: point.cov_m2,
-        };
-        let period = |(in_first, in_second): (&SeenSet, &SeenSet)| Period {
-            ref_time_s: in_first.time_s,
-            node_time_s: in_second.time_s,
-            in_ref: in_first.points.iter().map(renamed).collect(),
-            in_node: in_second.points.clone(),
-        };
-        Problem {
-            periods: common.map(period).collect(),
-            ref_half_depth_sigma_m: one.half_depth_sigma_m,
-            node_half_depth_sigma_m: other.half_depth_sigma_m,
-        }
+        let common = one.sets.iter().filter_map(|(period, set)| {
+            Some((one.seen(set), other.seen(other.sets.get(period)?)))
+        });
+        Problem::of_nodes(common)
     }
 }
 

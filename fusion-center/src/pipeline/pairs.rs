@@ -9,7 +9,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use proto::geom::{Gaussian, Node, Point};
+use proto::geom::{Gaussian, Node};
 use proto::ids::{BootId, NodeId};
 use proto::time::CentreTime;
 use proto::wire::{Evidence, Outcome, SetsUsed};
@@ -20,7 +20,7 @@ use super::outcomes;
 use crate::config::WorkConfig;
 use crate::gather::{Gather, KeptSet, NodeHistory};
 use crate::network::Edge;
-use crate::registration::{self, Known, Period, Problem, Solution};
+use crate::registration::{self, Known, Problem, Seen, Solution};
 
 /// Solves started since, after which a waiting pair goes before those of higher rank.
 const LONGEST_WAIT: u64 = 64;
@@ -309,26 +309,14 @@ fn job(gather: &Gather, pair: &Pair) -> Option<Job> {
 
 fn problem(pairs: &[(&KeptSet, &KeptSet)]) -> Problem {
     let origin = pairs.first().map_or(CentreTime(0), |(in_ref, _)| in_ref.time);
-    let largest = |sigmas: &mut dyn Iterator<Item = f64>| sigmas.fold(0.0, f64::max);
-    Problem {
-        periods: pairs.iter().map(|(in_ref, in_node)| period(origin, in_ref, in_node)).collect(),
-        ref_half_depth_sigma_m: largest(&mut pairs.iter().map(|(one, _)| one.half_depth_sigma_m)),
-        node_half_depth_sigma_m: largest(&mut pairs.iter().map(|(_, set)| set.half_depth_sigma_m)),
-    }
+    Problem::of_nodes(pairs.iter().map(|(first, second)| (seen(origin, first), seen(origin, second))))
 }
 
-fn period(origin: CentreTime, first: &KeptSet, second: &KeptSet) -> Period {
-    // The first node's own frame is `Ref`: only the name of the frame changes.
-    let in_ref = |position: &Gaussian<Node>| Gaussian {
-        mean: Point::from_coords(position.mean.coords_m),
-        cov_m2: position.cov_m2,
-    };
-    let since_origin_s = |set: &KeptSet| (set.time.0 - origin.0) as f64 * 1e-9;
-    Period {
-        ref_time_s: since_origin_s(first),
-        node_time_s: since_origin_s(second),
-        in_ref: first.points.iter().map(|point| in_ref(&point.position)).collect(),
-        in_node: second.points.iter().map(|point| point.position).collect(),
+fn seen(origin: CentreTime, set: &KeptSet) -> Seen<impl Iterator<Item = Gaussian<Node>>> {
+    Seen {
+        time_s: (set.time.0 - origin.0) as f64 * 1e-9,
+        half_depth_sigma_m: set.half_depth_sigma_m,
+        points: set.points.iter().map(|point| point.position),
     }
 }
 

@@ -10,7 +10,8 @@
 //! eq. (18)\]. Assumes that covariances are as stated and that unmatched points add nothing.
 //! Cost: one evaluation of the likelihood.
 
-use nalgebra::{Cholesky, Matrix2x3, Matrix3};
+use nalgebra::{Cholesky, Matrix2x3, Matrix3, Vector2};
+use proto::geom::point_by_pose;
 
 use super::decide::{DecisionConfig, decide_first, too_wide};
 use super::likelihood::for_each_period;
@@ -100,8 +101,8 @@ fn modes_of(data: &Prepared, found: &Motion, others: &[Motion]) -> Vec<Mode> {
 
 /// `J`: how a node's point moves in the reference frame with `(x, y, heading)`.
 pub(super) fn jacobian(motion: &Motion, node: &Blob) -> Matrix2x3<f64> {
-    let (x, y) = motion.turned(node.x, node.y);
-    Matrix2x3::new(1.0, 0.0, -y, 0.0, 1.0, x)
+    let (x_m, y_m) = motion.turned(node.x, node.y);
+    point_by_pose(&Vector2::new(x_m, y_m))
 }
 
 /// `A⁻¹ B A⁻¹`, symmetric; `None` where `A` is not positive definite.

@@ -1,6 +1,6 @@
 //! The covariance of other estimators against closed forms and quadrature, and the limits on it.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Matrix2;
 
 use super::super::Missing;
 use super::super::modes::fixed;

@@ -1,9 +1,11 @@
 //! Modes of the likelihood ratio: separated starts, their refinement, and duplicates merged.
 
 use nalgebra::{Cholesky, Matrix3, Vector3};
+use proto::geom::squared_length;
 
 use super::likelihood::{Fit, Model, Room, evaluate, evaluate_slope};
 use super::prepared::{Motion, Prepared};
+use crate::statistics::{Ratio, SIGNIFICANT_SIGMAS};
 
 /// Share of common points assumed before the data say anything.
 pub(super) const START_SHARE: f64 = 0.5;
@@ -29,9 +31,6 @@ const HOPELESS_SHARE: f64 = 0.1;
 
 /// Coarse maxima closer than this share of the merging distance are one.
 const COARSE_MERGE_SHARE: f64 = 0.5;
-
-/// Standard deviations by which χ² must exceed its expectation to count.
-const SIGNIFICANT_SIGMAS: f64 = 3.0;
 
 /// Rounds of widening, and the widest: errors three times as large as stated.
 const RESCALING_COUNT: usize = 4;
@@ -64,9 +63,8 @@ impl Mode {
 
     /// χ² per degree of freedom where that is significantly above 1, else 1.
     pub(super) fn residual_ratio(&self) -> f64 {
-        let free = self.degrees_of_freedom();
-        let is_significant = self.fit.chi_square > free + SIGNIFICANT_SIGMAS * (2.0 * free).sqrt();
-        if is_significant && free >= 1.0 { self.fit.chi_square / free } else { 1.0 }
+        let ratio = Ratio::of_chi_square(self.fit.chi_square, self.degrees_of_freedom());
+        ratio.if_significant(SIGNIFICANT_SIGMAS)
     }
 }
 
@@ -307,8 +305,5 @@ pub(super) fn merged(data: &Prepared, mut modes: Vec<Mode>, radius_m: f64) -> Ve
 }
 
 fn chi_square_between(a: &Mode, b: &Mode) -> f64 {
-    let turn = b.motion.heading_rad() - a.motion.heading_rad();
-    let heading = proto::geom::wrap_angle(turn);
-    let step = Vector3::new(b.motion.x - a.motion.x, b.motion.y - a.motion.y, heading);
-    Cholesky::new(a.covariance).map_or(f64::INFINITY, |factor| step.dot(&factor.solve(&step)))
+    squared_length(&b.motion.minus(&a.motion), &a.covariance).unwrap_or(f64::INFINITY)
 }

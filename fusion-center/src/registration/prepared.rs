@@ -3,25 +3,15 @@
 use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
-use proto::geom::{Frame, Gaussian, Node, Ref, Se2};
+use proto::geom::{Frame, Gaussian, Node, Ref, Se2, wrap_angle};
 use proto::measured::line_of_sight;
 
 use super::{Period, Problem};
-
-/// Points farther out are no radar measurement; their squares would cost digits.
-const MAX_COORDINATE_M: f64 = 1e5;
-
-/// Smallest determinant of a usable covariance, m⁴: (0.1 mm)⁴. Below it weights would overflow.
-const MIN_DETERMINANT_M4: f64 = 1e-16;
-
-/// A uniform rectangle's area over the root of its covariance's determinant.
-const AREA_OF_RECTANGLE: f64 = 12.0;
+use crate::statistics::spread;
+use crate::usable::usable_cov_m2;
 
 /// Points of a period that are looked at one by one.
 const FEW_POINTS: usize = 8;
-
-/// Added to the spread of points, so that points on a line still cover an area.
-const MIN_SPREAD_M: f64 = 0.5;
 
 /// A point with covariance, in whichever frame the array that holds it has.
 #[derive(Clone, Copy, Debug)]
@@ -36,13 +26,13 @@ pub(super) struct Blob {
 impl Blob {
     /// The point with the variance of a lasting offset along its line of sight, if it is usable.
     fn usable<F: Frame>(point: &Gaussian<F>, half_depth_sigma_m: f64) -> Option<Self> {
-        let (mean, cov) = (point.mean.coords_m, &widened(point, half_depth_sigma_m));
-        let xy = 0.5 * (cov[(0, 1)] + cov[(1, 0)]);
-        let blob = Self { x: mean.x, y: mean.y, xx: cov[(0, 0)], xy, yy: cov[(1, 1)] };
-        let near = mean.x.abs() < MAX_COORDINATE_M && mean.y.abs() < MAX_COORDINATE_M;
-        let trace = blob.xx + blob.yy;
-        let definite = blob.xx > 0.0 && blob.xx * blob.yy - xy * xy > MIN_DETERMINANT_M4;
-        (near && definite && trace < MAX_COORDINATE_M).then_some(blob)
+        Self::of(&point.mean.coords_m, &widened(point, half_depth_sigma_m))
+    }
+
+    /// The point, if it is usable.
+    pub(super) fn of(at_m: &Vector2<f64>, cov_m2: &Matrix2<f64>) -> Option<Self> {
+        let cov = usable_cov_m2(at_m, cov_m2)?;
+        Some(Self { x: at_m.x, y: at_m.y, xx: cov[(0, 0)], xy: cov[(0, 1)], yy: cov[(1, 1)] })
     }
 }
 
@@ -88,6 +78,12 @@ impl Motion {
     /// The motion with the step `(x, y, heading)` added.
     pub(super) fn plus(&self, step: &Vector3<f64>) -> Self {
         Self::new(self.x + step.x, self.y + step.y, self.heading_rad() + step.z)
+    }
+
+    /// This motion less `other`, `(x, y, heading)` with the heading in (−π, π].
+    pub(super) fn minus(&self, other: &Self) -> Vector3<f64> {
+        let turn = wrap_angle(self.heading_rad() - other.heading_rad());
+        Vector3::new(self.x - other.x, self.y - other.y, turn)
     }
 
     pub(super) fn turned(&self, x: f64, y: f64) -> (f64, f64) {
@@ -267,11 +263,11 @@ impl Prepared {
         if self.spans.is_empty() {
             return;
         }
-        let (_, ref_spread) = spread(&self.refs);
-        let (center, node_spread) = spread(&self.nodes);
-        self.area_m2 = (covered_area_m2(&ref_spread) * covered_area_m2(&node_spread)).sqrt();
-        self.node_center_m = center;
-        self.node_spread_m = node_spread.trace().sqrt();
+        let [of_refs, of_nodes] = [&self.refs, &self.nodes]
+            .map(|blobs| spread(blobs.iter().map(|blob| Vector2::new(blob.x, blob.y))));
+        self.area_m2 = (of_refs.covered_area_m2() * of_nodes.covered_area_m2()).sqrt();
+        self.node_center_m = of_nodes.mean_m;
+        self.node_spread_m = of_nodes.cov_m2.trace().sqrt();
         self.typical_sigma_m = (mean_variance(&self.refs) + mean_variance(&self.nodes)).sqrt();
         // Minkowski: the root of the determinant is superadditive.
         let (ref_least, ref_most) = extremes(&self.refs);
@@ -311,21 +307,6 @@ fn extremes(blobs: &[Blob]) -> (f64, f64) {
     blobs.iter().fold((f64::INFINITY, 0.0_f64), |(least, most), b| {
         (least.min(b.xx * b.yy - b.xy * b.xy), most.max(b.xx + b.yy))
     })
-}
-
-fn spread(blobs: &[Blob]) -> (Vector2<f64>, Matrix2<f64>) {
-    let count = blobs.len() as f64;
-    let mean = blobs.iter().map(|b| Vector2::new(b.x, b.y)).sum::<Vector2<f64>>() / count;
-    let scatter = blobs.iter().map(|b| {
-        let offset = Vector2::new(b.x, b.y) - mean;
-        offset * offset.transpose()
-    });
-    (mean, scatter.sum::<Matrix2<f64>>() / count)
-}
-
-fn covered_area_m2(scatter: &Matrix2<f64>) -> f64 {
-    let padded = scatter + Matrix2::identity() * MIN_SPREAD_M.powi(2);
-    AREA_OF_RECTANGLE * padded.determinant().max(0.0).sqrt()
 }
 
 fn mean_variance(blobs: &[Blob]) -> f64 {

@@ -4,9 +4,11 @@
 //! looking along boresight, `y` along boresight. `Ref` is the frame of the reference node. Angles
 //! are counter-clockwise in radians, lengths in metres.
 
+mod errors;
 mod point;
 mod se2;
 
+pub use errors::{ByBoth, carried_by_pose, point_by_pose, squared_length};
 pub use point::{Gaussian, Point, principal_axes};
 pub use se2::{Se2, Tangent, wrap_angle};
 

@@ -49,6 +49,14 @@ pub struct Gaussian<F: Frame> {
     pub cov_m2: Matrix2<f64>,
 }
 
+impl<F: Frame> Gaussian<F> {
+    /// The same position in a frame with the same axes and another name, see [`super::Se2::renamed`].
+    #[must_use]
+    pub fn renamed<Other: Frame>(&self) -> Gaussian<Other> {
+        Gaussian { mean: Point::from_coords(self.mean.coords_m), cov_m2: self.cov_m2 }
+    }
+}
+
 /// Standard deviations in metres along the two principal axes, larger first, and the direction of
 /// the larger one in radians counter-clockwise from `x`. `cov_m2` is symmetric.
 ///

@@ -1,11 +1,11 @@
 //! Tests of the combination on drawn graphs of edges with known truth.
 
 use nalgebra::{Cholesky, DMatrix};
+use proto::geom::{Node, Ref, Se2, squared_length};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 
-use super::super::relative::difference;
 use super::*;
 use crate::network::combine;
 use crate::registration::{Evidence, Known, Missing, Solution};
@@ -25,7 +25,7 @@ fn solution(estimate: Option<PoseEstimate>, outcome: Outcome) -> Solution {
 /// A site whose edges err independently.
 struct Draw {
     rng: ChaCha8Rng,
-    poses: Vec<Vector3<f64>>,
+    poses: Vec<Pose>,
 }
 
 impl Draw {
@@ -34,11 +34,11 @@ impl Draw {
         let mut pose = |index: usize| {
             let (row, column) = (index / 10, index % 10);
             let place = [column as f64 * 4.0, row as f64 * 4.0];
-            Vector3::new(place[0], place[1], rng.random_range(-3.0..3.0))
+            Pose::new(place[0], place[1], rng.random_range(-3.0..3.0))
         };
-        let poses: Vec<Vector3<f64>> = (0..count).map(&mut pose).collect();
-        let inverse = invert(&poses[0]);
-        let poses = poses.iter().map(|at| compose(&inverse, at)).collect();
+        let poses: Vec<Pose> = (0..count).map(&mut pose).collect();
+        let inverse = poses[0].inverse();
+        let poses = poses.iter().map(|at| inverse * *at).collect();
         Self { rng, poses }
     }
 
@@ -48,7 +48,7 @@ impl Draw {
 
     /// An edge with an error drawn from its covariance, σ of 1 to 4 cm and 0.3 to 1°.
     fn edge(&mut self, first: usize, second: usize) -> Edge {
-        let truth = compose(&invert(&self.poses[first]), &self.poses[second]);
+        let truth = self.poses[first].inverse() * self.poses[second];
         let root = Matrix3::new(
             self.rng.random_range(0.01..0.04),
             0.0,
@@ -60,7 +60,7 @@ impl Draw {
             self.rng.random_range(-0.005..0.005),
             0.01,
         );
-        let pose = truth + root * self.normal();
+        let pose = truth.plus(&(root * self.normal()));
         let relative = Relative { pose, covariance: root * root.transpose() };
         let solution = solution(Some(relative.estimate()), Outcome::Determined);
         Edge { first: name(first), second: name(second), solution }
@@ -70,7 +70,7 @@ impl Draw {
     fn corrupt(&mut self, edge: &mut Edge) {
         let (x, y) = (self.rng.random_range(-10.0..10.0), self.rng.random_range(-10.0..10.0));
         let heading = self.rng.random_range(-3.1..3.1);
-        set_pose(edge, &Vector3::new(x, y, heading), 1e-5);
+        set_pose(edge, Pose::new(x, y, heading), 1e-5);
     }
 
     fn index(edge: &Edge) -> (usize, usize) {
@@ -79,27 +79,27 @@ impl Draw {
     }
 
     /// Turns edges by one and the same wrong motion of the node that they share.
-    fn corrupt_together(&self, edge: &mut Edge, node: usize, wrong: &Vector3<f64>) {
-        let moved = compose(&self.poses[node], wrong);
+    fn corrupt_together(&self, edge: &mut Edge, node: usize, wrong: Pose) {
+        let moved = self.poses[node] * wrong;
         let (first, second) = Self::index(edge);
         let at = |index: usize| if index == node { moved } else { self.poses[index] };
-        set_pose(edge, &compose(&invert(&at(first)), &at(second)), 1e-4);
+        set_pose(edge, at(first).inverse() * at(second), 1e-4);
     }
 
     fn nees(&self, group: &Group, node: usize) -> f64 {
         let estimate = &group.nodes[&name(node)].estimate;
-        let error = difference(&numbers(&estimate.pose_ref_from_node), &self.poses[node]);
-        error.dot(&Cholesky::new(estimate.covariance).unwrap().solve(&error))
+        let error = posed(estimate).minus(&self.poses[node]);
+        squared_length(&error, &estimate.covariance).unwrap()
     }
 }
 
-fn numbers(pose: &Se2<Ref, Node>) -> Vector3<f64> {
-    super::super::relative::numbers(pose)
+fn posed(estimate: &PoseEstimate) -> Pose {
+    estimate.pose_ref_from_node.renamed()
 }
 
-fn set_pose(edge: &mut Edge, pose: &Vector3<f64>, variance: f64) {
+fn set_pose(edge: &mut Edge, pose: Pose, variance: f64) {
     let covariance = Matrix3::identity() * variance;
-    edge.solution.estimate = Some(Relative { pose: *pose, covariance }.estimate());
+    edge.solution.estimate = Some(Relative { pose, covariance }.estimate());
 }
 
 /// Neighbours of a grid of ten columns, with diagonals.
@@ -140,23 +140,24 @@ fn a_loop_is_that_of_the_full_least_squares_solution() {
     let mut draw = Draw::new(3, 4);
     let edges = [draw.edge(0, 1), draw.edge(1, 2), draw.edge(2, 3), draw.edge(0, 3)];
     let group = combine(&name(0), &names(4), &edges).remove(0);
-    let found: Vec<Vector3<f64>> =
-        (0..4).map(|i| numbers(&group.nodes[&name(i)].estimate.pose_ref_from_node)).collect();
-    let cost_terms = |poses: &[Vector3<f64>]| -> Vec<f64> {
+    let found: Vec<Pose> = (0..4).map(|i| posed(&group.nodes[&name(i)].estimate)).collect();
+    let cost_terms = |poses: &[Pose]| -> Vec<f64> {
         let mut all = Vec::new();
         for edge in &edges {
             let (first, second) = Draw::index(edge);
             let estimate = edge.solution.estimate.unwrap();
-            let seen = compose(&invert(&poses[first]), &poses[second]);
+            let seen = poses[first].inverse() * poses[second];
             let root = Cholesky::new(estimate.covariance).unwrap().l().try_inverse().unwrap();
-            let residual = root * difference(&numbers(&estimate.pose_ref_from_node), &seen);
+            let residual = root * posed(&estimate).minus(&seen);
             all.extend(residual.iter().copied());
         }
         all
     };
     let moved = |index: usize, by: f64| {
         let mut poses = found.clone();
-        poses[1 + index / 3][index % 3] += by;
+        let mut step = Vector3::zeros();
+        step[index % 3] = by;
+        poses[1 + index / 3] = poses[1 + index / 3].plus(&step);
         cost_terms(&poses)
     };
     let step = 1e-5;
@@ -185,8 +186,7 @@ fn moved_sigmas(draw: &Draw, clean: &[Edge], edges: &[Edge]) -> (f64, usize) {
     let mut worst = 0.0_f64;
     for node in found.nodes.keys().skip(1) {
         let (a, b) = (&good.nodes[node].estimate, &found.nodes[node].estimate);
-        let off = difference(&numbers(&a.pose_ref_from_node), &numbers(&b.pose_ref_from_node));
-        let square = off.dot(&Cholesky::new(a.covariance).unwrap().solve(&off));
+        let square = squared_length(&posed(a).minus(&posed(b)), &a.covariance).unwrap();
         worst = worst.max((square / 3.0).sqrt());
     }
     (worst, count - found.nodes.len())
@@ -227,7 +227,7 @@ fn wrong_edges_that_agree_with_one_another_are_outvoted() {
         let mut draw = Draw::new(seed, 8);
         let clean: Vec<Edge> = all_pairs(8).iter().map(|(a, b)| draw.edge(*a, *b)).collect();
         let mut edges = clean.clone();
-        let wrong = Vector3::new(1.5, -2.0, 3.1);
+        let wrong = Pose::new(1.5, -2.0, 3.1);
         // Three of node 5's seven edges, and two of node 2's.
         for (node, others) in [(5, vec![0, 3, 7]), (2, vec![1, 6])] {
             let is_between = |(first, second): (usize, usize)| {
@@ -235,7 +235,7 @@ fn wrong_edges_that_agree_with_one_another_are_outvoted() {
                     || (second == node && others.contains(&first))
             };
             let wrong_ones = edges.iter_mut().filter(|edge| is_between(Draw::index(edge)));
-            wrong_ones.for_each(|edge| draw.corrupt_together(edge, node, &wrong));
+            wrong_ones.for_each(|edge| draw.corrupt_together(edge, node, wrong));
         }
         let (moved, left_out) = moved_sigmas(&draw, &clean, &edges);
         assert!(moved < 3.0 && left_out == 0, "{seed}: {moved} {left_out}");
@@ -245,7 +245,7 @@ fn wrong_edges_that_agree_with_one_another_are_outvoted() {
             match verdict {
                 Verdict::Kept { .. } => assert!(!is_wrong),
                 Verdict::Rejected { loop_chi_square, against_count } => {
-                    assert!(is_wrong && *loop_chi_square > GATE && *against_count >= 4);
+                    assert!(is_wrong && *loop_chi_square > POSE_GATE && *against_count >= 4);
                 }
                 other => panic!("{other:?}"),
             }
@@ -285,10 +285,10 @@ fn a_ring_that_does_not_close_decides_nothing_of_its_own() {
 }
 
 /// The edge with another pose, and which of the two is taken for the likelier.
-fn ambiguous(mut edge: Edge, (wrong, is_best_wrong): (&Vector3<f64>, bool)) -> Edge {
+fn ambiguous(mut edge: Edge, (wrong, is_best_wrong): (Pose, bool)) -> Edge {
     let estimate = edge.solution.estimate.unwrap();
-    let pose = numbers(&estimate.pose_ref_from_node);
-    let other = compose(&pose, wrong);
+    let pose = posed(&estimate);
+    let other = pose * wrong;
     let (best, rival) = if is_best_wrong { (other, pose) } else { (pose, other) };
     let covariance = estimate.covariance;
     let rival = Relative { pose: rival, covariance }.estimate().pose_ref_from_node;
@@ -302,25 +302,25 @@ fn ambiguous(mut edge: Edge, (wrong, is_best_wrong): (&Vector3<f64>, bool)) -> E
 fn loops_decide_between_the_poses_of_an_ambiguous_edge() {
     for is_best_wrong in [false, true] {
         let mut draw = Draw::new(4, 4);
-        let wrong = Vector3::new(0.5, 3.0, 3.1);
-        let open = ambiguous(draw.edge(1, 2), (&wrong, is_best_wrong));
+        let wrong = Pose::new(0.5, 3.0, 3.1);
+        let open = ambiguous(draw.edge(1, 2), (wrong, is_best_wrong));
         let edges = [draw.edge(0, 1), draw.edge(0, 2), open.clone(), draw.edge(0, 3)];
         let combined = combine_judged(&name(0), &names(4), &edges);
         assert_eq!(combined.groups[0].nodes.len(), 4);
         let Verdict::Kept { rival_index, loop_chi_square } = combined.verdicts[2] else { panic!() };
         assert_eq!(rival_index, is_best_wrong.then_some(0));
-        assert!(loop_chi_square.unwrap() < GATE);
-        assert!(draw.nees(&combined.groups[0], 2) < GATE);
+        assert!(loop_chi_square.unwrap() < POSE_GATE);
+        assert!(draw.nees(&combined.groups[0], 2) < POSE_GATE);
         // Alone, it decides nothing and says what else could be.
         let lonely = combine_judged(&name(0), &names(3), &[draw.edge(0, 1), open]);
         assert!(!lonely.groups[0].nodes.contains_key(&name(2)));
         let Standing::Undecided { rivals } = &lonely.groups[0].doubtful[&name(2)].standing else {
             panic!()
         };
-        let near = |pose: &Vector3<f64>| difference(pose, &draw.poses[2]).norm() < 0.3;
+        let near = |pose: &Se2<Ref, Node>| pose.minus(&draw.poses[2].renamed()).norm() < 0.3;
         let best = &lonely.groups[0].doubtful[&name(2)].estimate.pose_ref_from_node;
-        assert_eq!(near(&numbers(best)), !is_best_wrong);
-        assert!(rivals.iter().any(|rival| near(&numbers(rival))) == is_best_wrong);
+        assert_eq!(near(best), !is_best_wrong);
+        assert!(rivals.iter().any(near) == is_best_wrong);
     }
 }
 
@@ -328,11 +328,11 @@ fn loops_decide_between_the_poses_of_an_ambiguous_edge() {
 fn ambiguous_edges_that_mirror_one_another_stay_undecided() {
     // Both of node 2's edges allow the same two places: no loop can tell.
     let mut draw = Draw::new(6, 3);
-    let wrong = Vector3::new(1.0, 2.0, 3.1);
+    let wrong = Pose::new(1.0, 2.0, 3.1);
     let edges = [
         draw.edge(0, 1),
-        ambiguous(draw.edge(0, 2), (&wrong, false)),
-        ambiguous(draw.edge(1, 2), (&wrong, true)),
+        ambiguous(draw.edge(0, 2), (wrong, false)),
+        ambiguous(draw.edge(1, 2), (wrong, true)),
     ];
     let combined = combine_judged(&name(0), &names(3), &edges);
     assert_eq!(combined.groups.len(), 2);
@@ -374,7 +374,7 @@ fn shared_targets_are_not_counted_twice() {
     let covariance = Matrix3::identity() * 2e-4;
     let mut edges = Vec::new();
     for (a, b) in all_pairs(count) {
-        let step = Relative { pose: Vector3::zeros(), covariance };
+        let step = Relative { pose: Pose::identity(), covariance };
         let solution = solution(Some(step.estimate()), Outcome::Determined);
         edges.push(Edge { first: name(a), second: name(b), solution });
     }
@@ -395,8 +395,7 @@ fn the_order_of_edges_changes_nothing_but_rounding() {
     let other = combine(&name(0), &names(12), &edges);
     for (node, placed) in &one[0].nodes {
         let back = &other[0].nodes[node].estimate;
-        let off = numbers(&placed.estimate.pose_ref_from_node) - numbers(&back.pose_ref_from_node);
-        assert!(off.norm() < 1e-9);
+        assert!(posed(&placed.estimate).minus(&posed(back)).norm() < 1e-9);
     }
 }
 

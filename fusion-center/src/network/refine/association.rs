@@ -84,9 +84,8 @@ fn mapped(site: &Site, state: &State, (range, scale): (&Range<usize>, f64)) -> V
     let to_gauge = |index: usize| {
         let point: &SitePoint = &site.points[index];
         let pose = &state.poses[point.node];
-        let (sin, cos) = pose.z.sin_cos();
-        let turn = Matrix2::new(cos, -sin, sin, cos);
-        let place = turn * state.middle(point.node, point) + pose.xy();
+        let turn = pose.rotation();
+        let place = turn * state.middle(point.node, point) + pose.translation_m();
         let cov = turn * point.cov * turn.transpose() * scale;
         Mapped { index, node: point.node, place, cov }
     };

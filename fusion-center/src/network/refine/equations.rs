@@ -12,15 +12,9 @@ use nalgebra::{
 use super::super::dense::{Normal, Symmetric};
 use super::association::{Association, Target};
 use super::site::{Layout, Site, State};
+use crate::statistics::{BLOCK_COUNT, BlockRatio, MIN_PERIODS_FOR_BLOCKS, SIGNIFICANT_SIGMAS};
 
-/// Blocks of periods whose scores are kept apart.
-const BLOCK_COUNT: usize = 12;
-
-/// Periods that a comparison of blocks needs.
-const MIN_PERIODS_FOR_BLOCKS: usize = 60;
-
-/// Standard deviations by which the ratio of all nodes, and of one, must exceed 1 to count.
-const SIGNIFICANT_SIGMAS: f64 = 3.0;
+/// Standard deviations by which the ratio of one node must exceed 1 to count.
 const SIGNIFICANT_SIGMAS_OF_ONE: f64 = 5.0;
 
 /// The normal equations at a state.
@@ -140,14 +134,13 @@ fn terms(site: &Site, state: &State, target: &Target) -> Vec<Term> {
     let term = |(index, weight): &(usize, f64)| {
         let point = &site.points[*index];
         let pose = &state.poses[point.node];
-        let (sin, cos) = pose.z.sin_cos();
-        let turn = Matrix2::new(cos, -sin, sin, cos);
+        let turn = pose.rotation();
         let turned = turn * state.middle(point.node, point);
         let outward = turn * point.outward;
         let cov: Matrix2<f64> = turn * point.cov * turn.transpose();
         Some(Term {
             node: point.node,
-            place: turned + pose.xy(),
+            place: turned + pose.translation_m(),
             weight: *weight,
             information: cov.try_inverse()? * *weight,
             jacobian: Matrix2x4::new(
@@ -166,19 +159,17 @@ pub(super) fn node_ratios(site: &Site, equations: &Equations) -> Vec<f64> {
     if site.periods.len() < MIN_PERIODS_FOR_BLOCKS {
         return vec![1.0; count];
     }
-    let free = (BLOCK_COUNT - 1) as f64;
     let ratio = |node: usize| {
         let factor = Cholesky::new(equations.own_information[node])?;
         let sum: f64 = equations.block_scores[node].iter().map(|g| g.dot(&factor.solve(g))).sum();
-        Some(sum / 3.0 * BLOCK_COUNT as f64 / free)
+        Some(BlockRatio::new(sum))
     };
-    let ratios: Vec<f64> = (0..count).map(|node| ratio(node).unwrap_or(1.0)).collect();
-    let deviation = (2.0 / (3.0 * free)).sqrt();
-    let mean = ratios.iter().sum::<f64>() / count as f64;
-    let is_common = mean > 1.0 + SIGNIFICANT_SIGMAS * deviation / (count as f64).sqrt();
-    let common = if is_common { mean } else { 1.0 };
-    let of_one = |own: f64| {
-        if own > 1.0 + SIGNIFICANT_SIGMAS_OF_ONE * deviation { own } else { 1.0 }
-    };
+    let ratios: Vec<BlockRatio> =
+        (0..count).map(|node| ratio(node).unwrap_or(BlockRatio::ONE)).collect();
+    let mean = ratios.iter().map(|ratio| ratio.value).sum::<f64>() / count as f64;
+    // The mean of as many ratios varies less.
+    let sigmas = SIGNIFICANT_SIGMAS / (count as f64).sqrt();
+    let common = BlockRatio { value: mean }.if_significant(sigmas);
+    let of_one = |own: BlockRatio| own.if_significant(SIGNIFICANT_SIGMAS_OF_ONE);
     ratios.into_iter().map(|own| common.max(of_one(own))).collect()
 }

@@ -11,12 +11,14 @@
 //! independent errors give where errors last. A result that explains the points worse than the
 //! edges' poses do, or that contradicts them, is not used.
 
-use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
+use proto::geom::squared_length;
 use proto::ids::NodeId;
 
 use super::dense::Symmetric;
-use super::relative::{Relative, compose, difference, numbers};
+use super::relative::Relative;
 use super::{Group, Refinement, RefusedRefinement, SiteProblem, Standing};
+use crate::statistics::{Ratio, SIGNIFICANT_SIGMAS};
 
 mod association;
 mod equations;
@@ -37,9 +39,6 @@ const MAX_ROUND_COUNT: usize = 14;
 
 /// A step whose mean square per unknown in units of the covariance is below this ends the rounds.
 const CONVERGED: f64 = 1e-5;
-
-/// Standard deviations by which χ² must exceed its expectation to count.
-const SIGNIFICANT_SIGMAS: f64 = 3.0;
 
 /// Loss of log likelihood below which two results are equally good: the likelihood compared is
 /// that of each point given the others, whose maximum lies near that of the joint one, not on it.
@@ -62,7 +61,7 @@ pub fn refine(problem: &SiteProblem, group: &Group) -> Group {
     let start = State {
         poses: names
             .iter()
-            .map(|name| numbers(&group.nodes[*name].estimate.pose_ref_from_node))
+            .map(|name| group.nodes[*name].estimate.pose_ref_from_node.renamed())
             .collect(),
         depths_m: vec![0.0; names.len()],
     };
@@ -128,7 +127,8 @@ fn fit(site: &Site, start: &State) -> Result<Fitted, RefusedRefinement> {
     let association = associate(site, &state, (1.0, share));
     let equations = Equations::new((site, &layout), &state, &association);
     let (chi_square, degrees_of_freedom) = (equations.chi_square, equations.degrees_of_freedom);
-    let ratio = residual_ratio(chi_square, degrees_of_freedom);
+    let ratio =
+        Ratio::of_chi_square(chi_square, degrees_of_freedom).if_significant(SIGNIFICANT_SIGMAS);
     let lasting = node_ratios(site, &equations);
     let inverse = equations.inverse().ok_or(RefusedRefinement::Undetermined)?;
     let covariances =
@@ -141,11 +141,6 @@ fn pose_block(inverse: &Symmetric, start: Option<usize>) -> Matrix3<f64> {
     start.map_or_else(Matrix3::zeros, |start| {
         Matrix3::from_fn(|row, column| inverse.get(start + row, start + column))
     })
-}
-
-fn residual_ratio(chi_square: f64, free: f64) -> f64 {
-    let is_significant = chi_square > free + SIGNIFICANT_SIGMAS * (2.0 * free.max(0.0)).sqrt();
-    if is_significant && free >= 1.0 { chi_square / free } else { 1.0 }
 }
 
 /// The fit, unless the poses of the edges are the better or the safer ones.
@@ -164,9 +159,8 @@ fn accepted(
         if placed.standing == Standing::Gauge {
             continue;
         }
-        let off = difference(&fitted.state.poses[node], &start.poses[node]);
-        let chi_square = Cholesky::new(placed.estimate.covariance)
-            .map_or(f64::INFINITY, |factor| off.dot(&factor.solve(&off)));
+        let off = fitted.state.poses[node].minus(&start.poses[node]);
+        let chi_square = squared_length(&off, &placed.estimate.covariance).unwrap_or(f64::INFINITY);
         if chi_square > MAX_MOVE_CHI_SQUARE {
             return Err(RefusedRefinement::Moved { chi_square });
         }
@@ -193,7 +187,7 @@ impl State {
         for node in 0..self.poses.len() {
             if let Some(start) = layout.pose_start(node) {
                 let change = Vector3::from_column_slice(&step[start..start + 3]);
-                next.poses[node] = compose(&(self.poses[node] + change), &Vector3::zeros());
+                next.poses[node] = self.poses[node].plus(&change);
             }
             if let Some(index) = layout.depth_index(node) {
                 next.depths_m[node] += step[index];

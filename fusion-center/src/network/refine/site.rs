@@ -3,24 +3,15 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, Vector2};
 use proto::geom::{Gaussian, Node};
 use proto::ids::NodeId;
 use proto::measured::line_of_sight;
 
 use super::super::SiteProblem;
-
-/// Points farther out are no radar measurement.
-const MAX_COORDINATE_M: f64 = 1e5;
-
-/// Smallest determinant of a usable covariance, m⁴: (0.1 mm)⁴.
-const MIN_DETERMINANT_M4: f64 = 1e-16;
-
-/// A uniform rectangle's area over the root of its covariance's determinant.
-const AREA_OF_RECTANGLE: f64 = 12.0;
-
-/// Added to the spread of points, metres, so that points on a line still cover an area.
-const MIN_SPREAD_M: f64 = 0.5;
+use super::super::relative::Pose;
+use crate::statistics::spread;
+use crate::usable::usable_cov_m2;
 
 /// Targets walk this fast, metres per second, between the times of two nodes' sets of one period.
 const WALK_M_PER_S: f64 = 1.0;
@@ -41,12 +32,8 @@ pub(super) struct SitePoint {
 impl SitePoint {
     fn usable(node: usize, point: &Gaussian<Node>) -> Option<Self> {
         let mean = point.mean.coords_m;
-        let cov = (point.cov_m2 + point.cov_m2.transpose()) * 0.5;
-        let is_near = mean.iter().all(|value| value.abs() < MAX_COORDINATE_M);
-        let is_definite = cov[(0, 0)] > 0.0 && cov.determinant() > MIN_DETERMINANT_M4;
-        let is_bounded = cov.trace() < MAX_COORDINATE_M;
-        let outward = line_of_sight(&mean);
-        (is_near && is_definite && is_bounded).then_some(Self { node, mean, cov, outward })
+        let cov = usable_cov_m2(&mean, &point.cov_m2)?;
+        Some(Self { node, mean, cov, outward: line_of_sight(&mean) })
     }
 }
 
@@ -123,17 +110,11 @@ impl Site {
 
 fn densities(node_count: usize, points: &[SitePoint], period_count: usize) -> Vec<f64> {
     let density = |node: usize| {
-        let own = || points.iter().filter(move |point| point.node == node);
-        let count = own().count().max(1) as f64;
-        let mean = own().map(|point| point.mean).sum::<Vector2<f64>>() / count;
-        let scatter = own().map(|point| {
-            let offset = point.mean - mean;
-            offset * offset.transpose()
-        });
-        let padded: Matrix2<f64> =
-            scatter.sum::<Matrix2<f64>>() / count + Matrix2::identity() * MIN_SPREAD_M.powi(2);
-        let area_m2 = AREA_OF_RECTANGLE * padded.determinant().sqrt();
-        count / (period_count.max(1) as f64 * area_m2)
+        let own = points.iter().filter(move |point| point.node == node).map(|point| point.mean);
+        let count = own.clone().count();
+        // A node without points has no area; nothing asks for its density.
+        let area_m2 = if count > 0 { spread(own).covered_area_m2() } else { 1.0 };
+        count.max(1) as f64 / (period_count.max(1) as f64 * area_m2)
     };
     (0..node_count).map(density).collect()
 }
@@ -141,8 +122,8 @@ fn densities(node_count: usize, points: &[SitePoint], period_count: usize) -> Ve
 /// The unknowns' current values.
 #[derive(Clone, Debug)]
 pub(super) struct State {
-    /// `(x_m, y_m, heading_rad)` in the gauge's frame.
-    pub(super) poses: Vec<Vector3<f64>>,
+    /// In the gauge's frame.
+    pub(super) poses: Vec<Pose>,
     /// Offsets along the line of sight.
     pub(super) depths_m: Vec<f64>,
 }

@@ -1,11 +1,12 @@
 //! Tests of the joint refinement against drawn sites.
 
-use nalgebra::DMatrix;
+use nalgebra::{Cholesky, DMatrix};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 
 use super::super::site_cases::room;
+use super::super::relative::Pose;
 use super::super::{Group, Placed, Refinement};
 use super::*;
 use crate::simulate::Conditions;
@@ -33,7 +34,7 @@ fn started(case: &SiteTrial, seed: u64) -> Group {
         let is_gauge = *name == gauge;
         let sigmas = if is_gauge { Vector3::zeros() } else { Vector3::from(START_SIGMAS) };
         let noise = sigmas.map(|sigma| sigma * rng.sample::<f64, _>(StandardNormal));
-        let pose = case.truth(&gauge, name).unwrap() + noise;
+        let pose = Pose::from_numbers(&(case.truth(&gauge, name).unwrap() + noise));
         let covariance = Matrix3::from_diagonal(&sigmas.map(|sigma| sigma * sigma));
         let standing = if is_gauge { Standing::Gauge } else { Standing::Unconfirmed };
         let estimate = Relative { pose, covariance }.estimate();
@@ -45,8 +46,8 @@ fn started(case: &SiteTrial, seed: u64) -> Group {
 }
 
 fn start_state(group: &Group) -> State {
-    let pose = |placed: &Placed| numbers(&placed.estimate.pose_ref_from_node);
-    let poses: Vec<Vector3<f64>> = group.nodes.values().map(pose).collect();
+    let pose = |placed: &Placed| placed.estimate.pose_ref_from_node.renamed();
+    let poses: Vec<Pose> = group.nodes.values().map(pose).collect();
     State { depths_m: vec![0.0; poses.len()], poses }
 }
 
@@ -128,9 +129,10 @@ fn the_equations_are_those_of_the_full_problem_with_every_target() {
                 + Vector2::new(moves[poses + 2 * index], moves[poses + 2 * index + 1]);
             for (point, weight) in &target.members {
                 let point = &site.points[*point];
-                let turn = |at: &State| nalgebra::Rotation2::new(at.poses[point.node].z);
-                let seen =
-                    turn(&moved) * moved.middle(point.node, point) + moved.poses[point.node].xy();
+                let turn =
+                    |at: &State| nalgebra::Rotation2::new(at.poses[point.node].heading_rad());
+                let shift_m = moved.poses[point.node].translation_m();
+                let seen = turn(&moved) * moved.middle(point.node, point) + shift_m;
                 // The weights stay those of the state, as in the equations.
                 let cov = turn(&state) * point.cov * turn(&state).inverse() / *weight;
                 let root = Cholesky::new(cov).unwrap().l().try_inverse().unwrap();
@@ -174,7 +176,7 @@ fn a_target_seen_by_many_is_one_target_and_a_stranger_is_none() {
     let case = room(2, 5, conditions);
     let (site, mut state) = (site_of(&case), start_state(&started(&case, 2)));
     for (pose, name) in state.poses.iter_mut().zip(case.problem.views.keys()) {
-        *pose = case.truth(&case.problem.reference, name).unwrap();
+        *pose = Pose::from_numbers(&case.truth(&case.problem.reference, name).unwrap());
     }
     let association = associate(&site, &state, (1.0, 0.9));
     let full = association.targets.iter().filter(|target| target.members.len() == 5).count();

@@ -17,7 +17,8 @@ use std::collections::BinaryHeap;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use nalgebra::{Cholesky, Matrix3, Vector3};
+use nalgebra::{Cholesky, Matrix3, Vector2, Vector3};
+use proto::geom::{carried_by_pose, wrap_angle};
 
 use super::likelihood::{Model, evaluate};
 use super::modes::{Mode, refine_from};
@@ -174,7 +175,7 @@ impl Peak {
         let motion = &best.motion;
         let (arm_x, arm_y) = motion.turned(data.node_center_m.x, data.node_center_m.y);
         // From errors of the node's place to errors of the middle of its points.
-        let to_middle = Matrix3::new(1.0, 0.0, -arm_y, 0.0, 1.0, arm_x, 0.0, 0.0, 1.0);
+        let to_middle = carried_by_pose(&Vector2::new(arm_x, arm_y));
         let covariance = to_middle * best.covariance * to_middle.transpose();
         let drop = 2.0 * (1.0 - goal.share) * best.fit.log_ratio;
         Some(Self {
@@ -191,7 +192,7 @@ impl Peak {
     /// Whether no pose of the cell is apart from the best one.
     fn holds(&self, cell: &Cell) -> bool {
         let (dx, dy) = (cell.x - self.middle_x, cell.y - self.middle_y);
-        let turn = proto::geom::wrap_angle(cell.heading_rad - self.heading_rad);
+        let turn = wrap_angle(cell.heading_rad - self.heading_rad);
         let far_m2 = (dx.abs() + cell.half_x).powi(2) + (dy.abs() + cell.half_y).powi(2);
         // A chord is no longer than its arc.
         let turned_m = (turn.abs() + cell.half_turn_rad).min(2.0) * self.spread_m;

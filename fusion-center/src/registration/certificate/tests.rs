@@ -184,7 +184,7 @@ fn a_true_rival_is_found_and_never_proven_away() {
         };
         let rival = refine(&data, motion).unwrap();
         assert!(rival.fit.log_ratio > 0.8 * best.fit.log_ratio);
-        let turn = proto::geom::wrap_angle(rival.motion.heading_rad() - best.motion.heading_rad());
+        let turn = rival.motion.minus(&best.motion).z;
         assert!((turn.abs() - PI).abs() < 0.1, "{turn}");
         // Cleared by mistake, it must stay unproven.
         let again = certify(&data, &best, &[motion, rival.motion], &goal(&data, 0.8)).verdict;

@@ -9,12 +9,10 @@ use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use super::super::judged::{jacobian, sandwich};
 use super::super::prepared::{Blob, Motion, Prepared};
+use crate::statistics::{Ratio, SIGNIFICANT_SIGMAS};
 
 /// Points must spread at least this far, root sum of squares in metres, to fix a heading.
 const MIN_SPREAD_M: f64 = 1e-3;
-
-/// Standard deviations by which χ² must exceed its expectation to count.
-const SIGNIFICANT_SIGMAS: f64 = 3.0;
 
 /// The motion; `None` where the pairs fix no heading.
 pub(super) fn fit(data: &Prepared, pairs: &[(usize, usize)]) -> Option<Motion> {
@@ -58,7 +56,6 @@ pub(super) fn covariance(
         chi_square += offset.dot(&(cov_m2.try_inverse()? * offset));
     }
     let free = 2.0 * pairs.len() as f64 - 3.0;
-    let is_significant = chi_square > free + SIGNIFICANT_SIGMAS * (2.0 * free).sqrt();
-    let doubt = if is_significant { chi_square / free } else { 1.0 };
+    let doubt = Ratio::of_chi_square(chi_square, free).if_significant(SIGNIFICANT_SIGMAS);
     Some(sandwich(&bread, &filling)? * doubt)
 }

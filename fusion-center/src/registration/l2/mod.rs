@@ -3,7 +3,7 @@
 //! It shows what the paper's objective can give at best: its optimum is not efficient, its variance
 //! tends to (4/3)² times the bound where all pairs are alike \[registration, eq. (18)\].
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use proto::geom::{Node, Ref, Se2};
 use serde::{Deserialize, Serialize};
 
@@ -112,8 +112,7 @@ pub(super) fn distance_from_minimum(
     covariance_scale: f64,
 ) -> Matrix3<f64> {
     let (minimum, _) = descend(data, motion, covariance_scale);
-    let turn = proto::geom::wrap_angle(minimum.heading_rad() - motion.heading_rad());
-    let step = Vector3::new(minimum.x - motion.x, minimum.y - motion.y, turn);
+    let step = minimum.minus(motion);
     step * step.transpose()
 }
 
