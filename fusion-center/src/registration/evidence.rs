@@ -25,15 +25,7 @@ use super::likelihood::{Link, Model, for_each_period};
 use super::modes::Mode;
 use super::prepared::{Prepared, Span};
 use super::runs::{RunClass, RunKind, Runs};
-
-/// Blocks of periods whose scores are kept apart.
-const BLOCK_COUNT: usize = 12;
-
-/// Shared periods that a comparison of blocks needs.
-const MIN_PERIODS_FOR_BLOCKS: usize = 60;
-
-/// Standard deviations by which a ratio must exceed 1 to count.
-const SIGNIFICANT_SIGMAS: f64 = 3.0;
+use crate::statistics::{BLOCK_COUNT, BlockRatio, MIN_PERIODS_FOR_BLOCKS, SIGNIFICANT_SIGMAS};
 
 /// Most independent pairs that a run may stand for: errors common to all its points remain.
 const MAX_AVERAGED: f64 = 16.0;
@@ -266,12 +258,8 @@ fn block_ratio(
     if data.spans.len() < MIN_PERIODS_FOR_BLOCKS {
         return 1.0;
     }
-    // The scores of all blocks add up to zero at the maximum, which takes one block's freedom.
-    let free = (BLOCK_COUNT - 1) as f64;
     let sum: f64 = block_scores.iter().map(|g| g.dot(&(covariance * g))).sum();
-    let ratio = sum / 3.0 * BLOCK_COUNT as f64 / free;
-    let limit = 1.0 + SIGNIFICANT_SIGMAS * (2.0 / (3.0 * free)).sqrt();
-    if ratio > limit { ratio } else { 1.0 }
+    BlockRatio::new(sum).if_significant(SIGNIFICANT_SIGMAS)
 }
 
 /// Places that are more than `distance_m` apart, counted greedily in order of time.

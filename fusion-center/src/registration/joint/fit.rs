@@ -16,6 +16,7 @@ use nalgebra::{Cholesky, Matrix2, Matrix5, Matrix5x2, SMatrix, Vector2, Vector5}
 use super::super::prepared::Motion;
 use super::passes::{Pass, Setting, filtered};
 use super::tracks::{Member, Track};
+use crate::statistics::Ratio;
 
 /// Acceleration noise that a track may have, m²/s³: none, then from a slow drift to a turn at a
 /// corner.
@@ -75,22 +76,6 @@ pub(super) struct Joint {
     pub(super) residual: Ratio,
     /// Squared pulls of the tracks in units of what independent errors give.
     pub(super) lasting: Ratio,
-}
-
-/// A sum of squares against its expectation.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Ratio {
-    pub(super) sum: f64,
-    pub(super) expected: f64,
-    pub(super) variance: f64,
-}
-
-impl Ratio {
-    /// The ratio where it is above 1 by more than `sigmas` standard deviations, else 1.
-    pub(super) fn if_significant(&self, sigmas: f64) -> f64 {
-        let is_significant = self.sum > self.expected + sigmas * self.variance.sqrt();
-        if is_significant && self.expected >= 1.0 { self.sum / self.expected } else { 1.0 }
-    }
 }
 
 /// Fits with `C` columns, 4 without and 6 with offsets; `None` where it does not converge.
@@ -250,6 +235,6 @@ fn concluded(
         lasting.expected += share.trace() - (share * share).trace();
         lasting.variance += 2.0 * (share * share).trace();
     }
-    let residual = Ratio { sum: chi_square, expected: free, variance: 2.0 * free };
+    let residual = Ratio::of_chi_square(chi_square, free);
     Joint { motion, covariance, residual, lasting }
 }

@@ -17,11 +17,12 @@
 //! the pairwise one excludes, there is no result, and the pairwise one stays.
 
 use nalgebra::{Cholesky, Matrix3, Vector3};
-use proto::geom::wrap_angle;
+use proto::geom::squared_length;
 
 use super::modes::Mode;
-use super::prepared::{Motion, Prepared};
+use super::prepared::Prepared;
 use super::{Period, PoseEstimate, Problem};
+use crate::statistics::SIGNIFICANT_SIGMAS;
 
 mod filter;
 mod fit;
@@ -57,9 +58,6 @@ const NEGLIGIBLE_WALK: f64 = 0.3;
 /// Share of the points in tracks that must be in established ones: targets that turn up anew in
 /// every period have no tracks but by chance.
 const MIN_ESTABLISHED_SHARE: f64 = 0.5;
-
-/// Standard deviations by which a ratio must exceed 1 to count.
-const SIGNIFICANT_SIGMAS: f64 = 3.0;
 
 /// The pose of the joint fit.
 #[derive(Clone, Copy, Debug)]
@@ -151,18 +149,11 @@ impl Ground {
 
     /// Whether tracks formed on this would be those formed on `before`, which `joint` came from.
     fn is_like(&self, before: &Self, joint: &Joint) -> bool {
-        let step = pose_difference(&self.motion, &before.motion);
         let pose_covariance = joint.covariance.fixed_view::<3, 3>(0, 0).into_owned();
-        let length = Cholesky::new(pose_covariance).map(|factor| step.dot(&factor.solve(&step)));
+        let length = squared_length(&self.motion.minus(&before.motion), &pose_covariance);
         self.covariance_scale * NEW_TRACKS_SCALE >= before.covariance_scale
             && length.is_some_and(|square| square < NEW_TRACKS_SIGMAS.powi(2))
     }
-}
-
-/// `to` less `from`, `(x_m, y_m, heading_rad)`.
-fn pose_difference(to: &Motion, from: &Motion) -> Vector3<f64> {
-    let turn = wrap_angle(to.heading_rad() - from.heading_rad());
-    Vector3::new(to.x - from.x, to.y - from.y, turn)
 }
 
 fn established_share(tracks: &[Track]) -> f64 {
@@ -183,10 +174,8 @@ fn accepted(
     let inflation = residual.max(joint.lasting.if_significant(SIGNIFICANT_SIGMAS));
     let inverse: Matrix3<f64> = joint.covariance.fixed_view::<3, 3>(0, 0) * inflation;
     let covariance = (inverse + inverse.transpose()) * 0.5;
-    let old = &pairwise.pose_ref_from_node;
-    let shift = old.translation_m();
-    let step = pose_difference(&joint.motion, &Motion::new(shift.x, shift.y, old.heading_rad()));
-    let length = step.dot(&Cholesky::new(pairwise.covariance + covariance)?.solve(&step));
+    let step = joint.motion.pose().minus(&pairwise.pose_ref_from_node);
+    let length = squared_length(&step, &(pairwise.covariance + covariance))?;
     let is_near = length <= MAX_MOVE_SIGMAS.powi(2);
     let knows_less = covariance.determinant() > MAX_VAGUER * pairwise.covariance.determinant();
     let estimate = PoseEstimate { pose_ref_from_node: joint.motion.pose(), covariance };

@@ -9,12 +9,7 @@ use proto::measured::line_of_sight;
 use super::super::Problem;
 use super::super::prepared::{Blob, Motion};
 use super::filter::Observation;
-
-/// Points farther out are no radar measurement.
-const MAX_COORDINATE_M: f64 = 1e5;
-
-/// Smallest determinant of a usable covariance, m⁴: (0.1 mm)⁴.
-const MIN_DETERMINANT_M4: f64 = 1e-16;
+use crate::statistics::median;
 
 /// Columns of an observation: the value, three of the pose, two of the offsets.
 pub(super) const POSE_COLUMN: usize = 1;
@@ -105,9 +100,7 @@ impl Scans {
 /// passed than usual: what lies minutes apart must not seem to follow.
 fn slots(problem: &Problem) -> Vec<usize> {
     let steps_s = || problem.periods.windows(2).map(|two| two[1].ref_time_s - two[0].ref_time_s);
-    let mut sorted: Vec<f64> = steps_s().collect();
-    sorted.sort_by(f64::total_cmp);
-    let usual_s = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let usual_s = median(&mut steps_s().collect::<Vec<f64>>());
     let mut slot = 0;
     let later = steps_s().map(|step_s| {
         let share = (step_s / usual_s).clamp(1.0, LONGEST_STEP);
@@ -120,21 +113,11 @@ fn slots(problem: &Problem) -> Vec<usize> {
 }
 
 fn seen<F: Frame>(point: &Gaussian<F>, offset_sigma_m: f64) -> Option<Seen> {
-    let (mean, cov) = (point.mean.coords_m, &point.cov_m2);
-    let xy = 0.5 * (cov[(0, 1)] + cov[(1, 0)]);
-    let blob = Blob { x: mean.x, y: mean.y, xx: cov[(0, 0)], xy, yy: cov[(1, 1)] };
-    let near = mean.x.abs() < MAX_COORDINATE_M && mean.y.abs() < MAX_COORDINATE_M;
-    let definite = blob.xx > 0.0 && blob.xx * blob.yy - xy * xy > MIN_DETERMINANT_M4;
-    let bounded = blob.xx + blob.yy < MAX_COORDINATE_M;
-    let offset_m = || {
-        if offset_sigma_m > 0.0 { line_of_sight(&mean) * offset_sigma_m } else { Vector2::zeros() }
-    };
-    (near && definite && bounded).then(|| Seen {
-        blob,
-        offset_m: offset_m(),
-        side: Side::Ref,
-        time_s: 0.0,
-    })
+    let at_m = point.mean.coords_m;
+    let blob = Blob::of(&at_m, &point.cov_m2)?;
+    let is_unsure = offset_sigma_m > 0.0;
+    let offset_m = if is_unsure { line_of_sight(&at_m) * offset_sigma_m } else { Vector2::zeros() };
+    Some(Seen { blob, offset_m, side: Side::Ref, time_s: 0.0 })
 }
 
 impl Seen {

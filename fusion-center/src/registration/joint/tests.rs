@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, SMatrix};
 use proto::geom::{Gaussian, Node, Point, Ref};
 
 use super::super::modes::refine;
+use super::super::prepared::Motion;
 use super::passes::{Pass, filtered};
 use super::scans::Side;
 use super::tracks::{Member, Way};

@@ -12,7 +12,8 @@
 //!
 //! Cost: points of a scan times open tracks.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3};
+use nalgebra::{Matrix2, Matrix3, Vector2};
+use proto::geom::point_by_pose;
 
 use super::super::prepared::Motion;
 use super::filter::{Observation, State};
@@ -101,7 +102,7 @@ impl Ground {
         seen.cov_m2 += point.offset_cov_m2(&self.motion);
         if point.side == Side::Node {
             let (x, y) = (seen.columns[0].x - self.motion.x, seen.columns[0].y - self.motion.y);
-            let jacobian = Matrix2x3::new(1.0, 0.0, -y, 0.0, 1.0, x);
+            let jacobian = point_by_pose(&Vector2::new(x, y));
             let added: Matrix2<f64> = jacobian * self.pose_covariance * jacobian.transpose();
             seen.cov_m2 += added;
         }
