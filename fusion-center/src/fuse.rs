@@ -5,8 +5,8 @@
 //! information-weighted mean. A point's covariance in `Ref` holds its node's pose error too:
 //! `Φ R Φᵀ + J P Jᵀ`, `J = [I, dΦ/dφ z]`.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
-use proto::geom::{Gaussian, Node, Point, Ref, Se2};
+use nalgebra::{Matrix2, Matrix3, Vector2};
+use proto::geom::{Gaussian, Node, Point, Ref, Se2, point_by_pose};
 use proto::ids::NodeId;
 use proto::measured::packed;
 use proto::wire::FusedTarget;
@@ -32,7 +32,7 @@ pub fn place(
     let placed = pose_ref_from_node * point_in_node;
     let arm = pose_ref_from_node.rotation() * point_in_node.mean.coords_m;
     // Turning the node by dφ moves the point by dφ across the arm that joins them.
-    let jacobian = Matrix2x3::new(1.0, 0.0, -arm.y, 0.0, 1.0, arm.x);
+    let jacobian = point_by_pose(&arm);
     let cov_m2 = placed.cov_m2 + jacobian * pose_covariance * jacobian.transpose();
     Gaussian { mean: placed.mean, cov_m2 }
 }

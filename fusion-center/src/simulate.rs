@@ -3,8 +3,8 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Cholesky, Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
-use proto::geom::{Frame, Gaussian, Node, Point, Ref, Se2, World, wrap_angle};
+use nalgebra::{Cholesky, Matrix2, Matrix3, Vector2, Vector3};
+use proto::geom::{Frame, Gaussian, Node, Point, Ref, Se2, World, point_by_pose};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -55,17 +55,13 @@ impl Trial {
     /// `(x_m, y_m, heading_rad)`.
     #[must_use]
     pub fn truth(&self) -> Vector3<f64> {
-        let shift = self.pose_ref_from_node.translation_m();
-        Vector3::new(shift.x, shift.y, self.pose_ref_from_node.heading_rad())
+        self.pose_ref_from_node.numbers()
     }
 
     /// Estimate less truth, `(x_m, y_m, heading_rad)`.
     #[must_use]
     pub fn error(&self, estimate: &PoseEstimate) -> Vector3<f64> {
-        let found = &estimate.pose_ref_from_node;
-        let shift = found.translation_m() - self.pose_ref_from_node.translation_m();
-        let turn = wrap_angle(found.heading_rad() - self.pose_ref_from_node.heading_rad());
-        Vector3::new(shift.x, shift.y, turn)
+        estimate.pose_ref_from_node.minus(&self.pose_ref_from_node)
     }
 
     /// Squared error in units of the stated covariance; infinite where that is singular.
@@ -200,7 +196,7 @@ pub fn pair_information(
 ) -> Matrix3<f64> {
     let (Some(point), Some(node)) = pair else { return Matrix3::zeros() };
     let turned = pose.rotation() * node.mean.coords_m;
-    let jacobian = Matrix2x3::new(1.0, 0.0, -turned.y, 0.0, 1.0, turned.x);
+    let jacobian = point_by_pose(&turned);
     let cov: Matrix2<f64> = point.cov_m2 + (*pose * *node).cov_m2;
     let information = cov.try_inverse().unwrap_or_default();
     jacobian.transpose() * information * jacobian

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use nalgebra::{DMatrix, Matrix2, Matrix2x3, Vector2, Vector3};
-use proto::geom::{Gaussian, Node, Point, Se2, World, wrap_angle};
+use nalgebra::{DMatrix, Matrix2, Vector2, Vector3};
+use proto::geom::{Gaussian, Node, Point, Se2, World, point_by_pose};
 use proto::ids::{InvalidName, NodeId};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -51,7 +51,7 @@ impl SiteTrial {
     #[must_use]
     pub fn truth(&self, gauge: &NodeId, node: &NodeId) -> Option<Vector3<f64>> {
         let pose = self.world_from_node.get(gauge)?.inverse() * *self.world_from_node.get(node)?;
-        Some(Vector3::new(pose.translation_m().x, pose.translation_m().y, pose.heading_rad()))
+        Some(pose.numbers())
     }
 
     /// Estimate less truth in the frame of `gauge`.
@@ -62,10 +62,8 @@ impl SiteTrial {
         node: &NodeId,
         estimate: &PoseEstimate,
     ) -> Option<Vector3<f64>> {
-        let truth = self.truth(gauge, node)?;
-        let found = &estimate.pose_ref_from_node;
-        let shift = found.translation_m() - truth.xy();
-        Some(Vector3::new(shift.x, shift.y, wrap_angle(found.heading_rad() - truth.z)))
+        let truth = Se2::from_numbers(&self.truth(gauge, node)?);
+        Some(estimate.pose_ref_from_node.minus(&truth))
     }
 
     /// Trace of the bound's position covariance by node, m², in the frame of the reference; `None`
@@ -204,7 +202,7 @@ impl SiteSampler {
             let weight = (pose.rotation() * point.cov_m2 * pose.rotation().transpose())
                 .try_inverse()
                 .unwrap_or_default();
-            let jacobian = Matrix2x3::new(1.0, 0.0, -turned.y, 0.0, 1.0, turned.x);
+            let jacobian = point_by_pose(&turned);
             (3 * node, jacobian, weight)
         });
         let terms: Vec<_> = terms.collect();

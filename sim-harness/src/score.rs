@@ -1,6 +1,6 @@
 //! How good the result is: each node's estimated pose beside its true one.
 
-use proto::geom::{Node, Ref, Se2, wrap_angle};
+use proto::geom::{Node, Ref, Se2};
 use proto::ids::NodeId;
 use proto::wire::{Evidence, LatencyReport, NodeState, Outcome, PoseRecord};
 use serde::Serialize;
@@ -125,9 +125,8 @@ struct Errors {
 }
 
 fn errors(pose: &Se2<Ref, Node>, truth: &Se2<Ref, Node>) -> Errors {
-    let away_m = pose.translation_m() - truth.translation_m();
-    let angle_rad = wrap_angle(pose.heading_rad() - truth.heading_rad());
-    Errors { x_m: away_m.x, y_m: away_m.y, position_m: away_m.norm(), angle_rad }
+    let error = pose.minus(truth);
+    Errors { x_m: error.x, y_m: error.y, position_m: error.xy().norm(), angle_rad: error.z }
 }
 
 impl Errors {

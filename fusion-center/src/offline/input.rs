@@ -14,6 +14,7 @@ use serde::de::IgnoredAny;
 use thiserror::Error;
 
 use crate::network::{NodeView, SeenSet, SiteProblem};
+use crate::statistics::median;
 
 /// Largest coordinate, metres: farther out is no radar measurement.
 const MAX_COORDINATE_M: f64 = 1e5;
@@ -363,11 +364,6 @@ fn on_one_clock(reference: &NodeId, views: &mut BTreeMap<NodeId, NodeView>) -> V
         }
     }
     assumed
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// All points of a node.

@@ -4,11 +4,13 @@
 //! more: two modes that are nearly as likely would else take turns, under a new epoch each time.
 
 use nalgebra::{Matrix3, Vector3};
-use proto::geom::{Node, Ref, Se2, wrap_angle};
+use proto::geom::{Node, Ref, Se2, squared_length};
+
+use crate::statistics::POSE_GATE;
 
 /// A new pose within this many standard deviations (squared, three dimensions) of the old one
 /// refines it; chance exceeds it once in ten thousand.
-const REFINEMENT_GATE: f64 = 21.1;
+const REFINEMENT_GATE: f64 = POSE_GATE;
 /// A pose whose covariance has this many times the determinant of another's is much vaguer: one and
 /// a half times the standard deviation in each of three dimensions.
 const VAGUER: f64 = 11.4;
@@ -64,11 +66,9 @@ impl Belief {
 
     /// Whether `new` lies within this one's and its own uncertainty.
     pub(super) fn is_refined_by(&self, new: &Self) -> bool {
-        let Some(information) = (self.covariance + new.covariance).try_inverse() else {
-            return false;
-        };
-        let between = self.difference(&new.pose);
-        between.dot(&(information * between)) <= REFINEMENT_GATE
+        let square =
+            squared_length(&self.difference(&new.pose), &(self.covariance + new.covariance));
+        square.is_some_and(|square| square <= REFINEMENT_GATE)
     }
 
     /// Whether `new`'s uncertainty covers far more: poorer data must not take the place of better
@@ -79,24 +79,19 @@ impl Belief {
 
     /// Whether `new` says nothing that this one does not.
     pub(super) fn is_same_as(&self, new: &Self) -> bool {
-        let Some(information) = self.covariance.try_inverse() else { return false };
-        let between = self.difference(&new.pose);
+        let square = squared_length(&self.difference(&new.pose), &self.covariance);
         let ratio = new.covariance.determinant() / self.covariance.determinant();
-        between.dot(&(information * between)) < NEWS_GATE
+        square.is_some_and(|square| square < NEWS_GATE)
             && (NEWS_FACTOR.recip()..=NEWS_FACTOR).contains(&ratio)
     }
 
     /// Squared distance of `pose` from this one in units of this one's and `more`'s covariance.
     pub(super) fn distance(&self, pose: &Se2<Ref, Node>, more: &Matrix3<f64>) -> f64 {
-        let between = self.difference(pose);
-        let information = (self.covariance + more).try_inverse();
-        information.map_or(0.0, |information| between.dot(&(information * between)))
+        squared_length(&self.difference(pose), &(self.covariance + more)).unwrap_or(0.0)
     }
 
     /// `(x_m, y_m, heading_rad)` of `pose` less this one.
     fn difference(&self, pose: &Se2<Ref, Node>) -> Vector3<f64> {
-        let moved_m = pose.translation_m() - self.pose.translation_m();
-        let turned = wrap_angle(pose.heading_rad() - self.pose.heading_rad());
-        Vector3::new(moved_m.x, moved_m.y, turned)
+        pose.minus(&self.pose)
     }
 }

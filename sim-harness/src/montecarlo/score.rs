@@ -1,8 +1,8 @@
 //! How good a solver's answers are over many trials.
 
 use fusion_center::registration::{Outcome, PoseEstimate, Solution};
-use nalgebra::{Cholesky, Matrix3, Vector3};
-use proto::geom::wrap_angle;
+use nalgebra::{Matrix3, Vector3};
+use proto::geom::squared_length;
 use serde::Serialize;
 
 use super::statistics::{Distribution, Proportion};
@@ -60,10 +60,10 @@ pub(super) struct TrialScore {
 impl TrialScore {
     pub(super) fn new(case: &Case, solution: &Solution) -> Self {
         let error = solution.estimate.map(|estimate| difference(case, &estimate));
-        let normalised = solution.estimate.zip(error).and_then(|(estimate, error)| {
-            let factor = Cholesky::new(estimate.covariance)?;
-            Some(error.dot(&factor.solve(&error)))
-        });
+        let normalised = solution
+            .estimate
+            .zip(error)
+            .and_then(|(estimate, error)| squared_length(&error, &estimate.covariance));
         let parts = |m: &Matrix3<f64>| [m[(0, 0)] + m[(1, 1)], m[(2, 2)]];
         Self {
             is_determined: solution.outcome == Outcome::Determined,
@@ -77,9 +77,7 @@ impl TrialScore {
 
 /// Estimate less truth, `(x_m, y_m, heading_rad)`.
 fn difference(case: &Case, estimate: &PoseEstimate) -> Vector3<f64> {
-    let (found, truth) = (&estimate.pose_ref_from_node, &case.truth);
-    let shift = found.translation_m() - truth.translation_m();
-    Vector3::new(shift.x, shift.y, wrap_angle(found.heading_rad() - truth.heading_rad()))
+    estimate.pose_ref_from_node.minus(&case.truth)
 }
 
 /// A share of trials with an error of at most `limit`.

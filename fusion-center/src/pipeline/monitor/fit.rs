@@ -13,7 +13,8 @@
 //! each counts `1 / (1 + 0.3 (n − 1))`. What still repeats enters as a factor on the information,
 //! which the caller learns from quiet times.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix2x5, Matrix3, Matrix5, Vector2, Vector3, Vector5};
+use nalgebra::{Matrix2, Matrix2x5, Matrix3, Matrix5, Vector2, Vector3, Vector5};
+use proto::geom::point_by_pose;
 
 /// Density of points without a partner, per m²: a false point or a second target in 20 m².
 const STRAY_DENSITY_PER_M2: f64 = 0.05;
@@ -204,7 +205,7 @@ impl<'a> Weighted<'a> {
 
     fn density(&self, two: &Candidate, value: &Vector3<f64>, widening_m2: f64) -> f64 {
         let spread = self.spread(two, widening_m2);
-        let residual = two.between_m - jacobian(&two.arm_m) * value;
+        let residual = two.between_m - point_by_pose(&two.arm_m) * value;
         let determinant = spread.determinant();
         let Some(inverse) = spread.try_inverse() else { return 0.0 };
         let square = residual.dot(&(inverse * residual));
@@ -230,7 +231,7 @@ impl<'a> Weighted<'a> {
     fn blind_m(&self, covariance: &Matrix3<f64>) -> f64 {
         let arms = self.seen.iter().flat_map(|one| one.candidates.first()).map(|two| two.arm_m);
         let count = self.seen.len().max(1) as f64;
-        let jacobian = jacobian(&(arms.sum::<Vector2<f64>>() / count));
+        let jacobian = point_by_pose(&(arms.sum::<Vector2<f64>>() / count));
         let cov_m2: Matrix2<f64> = jacobian * covariance * jacobian.transpose();
         cov_m2.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
@@ -255,14 +256,10 @@ fn offset_information(sigmas_m: [f64; 2]) -> Matrix5<f64> {
     information
 }
 
-fn jacobian(arm_m: &Vector2<f64>) -> Matrix2x3<f64> {
-    Matrix2x3::new(1.0, 0.0, -arm_m.y, 0.0, 1.0, arm_m.x)
-}
-
 fn full_jacobian(two: &Candidate) -> Matrix2x5<f64> {
     let [own, other] = two.sights;
     let mut full = Matrix2x5::zeros();
-    full.fixed_view_mut::<2, 3>(0, 0).copy_from(&jacobian(&two.arm_m));
+    full.fixed_view_mut::<2, 3>(0, 0).copy_from(&point_by_pose(&two.arm_m));
     full.set_column(3, &own);
     full.set_column(4, &-other);
     full

@@ -17,7 +17,7 @@ mod lost;
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
-use proto::geom::{Node, Ref, Se2};
+use proto::geom::{Node, Ref, Se2, carried_by_pose};
 use proto::ids::NodeId;
 use proto::measured::line_of_sight;
 
@@ -378,7 +378,7 @@ impl Site<'_> {
         let (one, other) = self.both(pair)?;
         // Moving the first node is moving the second the other way, as seen from the first.
         let arm_m = other.pose.translation_m() - one.pose.translation_m();
-        let carried = Matrix3::new(1.0, 0.0, -arm_m.y, 0.0, 1.0, arm_m.x, 0.0, 0.0, 1.0);
+        let carried = carried_by_pose(&arm_m);
         let pose = other.covariance + carried * one.covariance * carried.transpose();
         let sigma_m = |node: &NodeId| {
             let sets = self.gather.node(node).map(|history| history.sets());
