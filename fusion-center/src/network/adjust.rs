@@ -91,11 +91,7 @@ pub(super) fn adjust(start: &[Pose], links: &[Link]) -> Option<Adjusted> {
     Some(Adjusted { poses, covariance })
 }
 
-fn equations(
-    poses: &[Pose],
-    links: &[Link],
-    information: &[Matrix3<f64>],
-) -> (Normal, Vec<f64>) {
+fn equations(poses: &[Pose], links: &[Link], information: &[Matrix3<f64>]) -> (Normal, Vec<f64>) {
     let size = 3 * (poses.len() - 1);
     let (mut normal, mut right) = (Normal::new(size), vec![0.0; size]);
     for (link, weight) in links.iter().zip(information) {

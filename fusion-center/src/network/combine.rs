@@ -32,7 +32,7 @@ const RIVAL_WIDENING: f64 = 2.0;
 /// The groups that the edges join, each node in exactly one, and what became of every edge.
 /// `nodes` that no edge reaches are groups of their own; edges to other nodes are unusable.
 #[must_use]
-pub fn combine_judged(reference: &NodeId, nodes: &[NodeId], edges: &[Edge]) -> Combined {
+pub(super) fn combine_as_given(reference: &NodeId, nodes: &[NodeId], edges: &[Edge]) -> Combined {
     let mut names: Vec<NodeId> = nodes.to_vec();
     names.sort_by(|a, b| (a != reference, a).cmp(&(b != reference, b)));
     names.dedup();
@@ -299,8 +299,7 @@ impl Settled {
     fn doubtful(&self, node: usize, ties: &[Tie], names: &[&NodeId]) -> Placed {
         let poses = &self.consensus.tree.poses;
         let moved = |tie: &Tie| tie.rival * (poses[tie.cut.anchors.1].inverse() * poses[node]);
-        let rivals =
-            ties.iter().filter(|tie| tie.cut.is_far[node]).map(|tie| moved(tie).renamed());
+        let rivals = ties.iter().filter(|tie| tie.cut.is_far[node]).map(|tie| moved(tie).renamed());
         Placed {
             estimate: self.placed(node).estimate(),
             via: self.route(node, names),

@@ -168,7 +168,8 @@ impl Candidate {
         let variance = |candidate: &Self| candidate.step.covariance[(2, 2)];
         // The heading alone tells most wrong ones, and costs little.
         let allowed = POSE_GATE * (variance(self) + variance(next) + variance(direct));
-        heading * heading < allowed && self.step.then(&next.step).chi_square_to(&direct.step) < POSE_GATE
+        heading * heading < allowed
+            && self.step.then(&next.step).chi_square_to(&direct.step) < POSE_GATE
     }
 }
 

@@ -16,14 +16,17 @@ use crate::registration::{PoseEstimate, Problem, Seen, Solution, Solver};
 mod adjust;
 mod combine;
 mod dense;
+#[cfg(test)]
+mod drawn_edges;
 mod graph;
+mod open;
 mod pairs;
 mod refine;
 mod relative;
 #[cfg(test)]
 mod site_cases;
 
-pub use combine::combine_judged;
+pub use open::{AGREEMENT_LOG_ODDS, combine_judged};
 pub use refine::refine;
 pub use relative::inverse;
 
@@ -46,10 +49,7 @@ pub struct NodeView {
 }
 
 impl NodeView {
-    fn seen<'a>(
-        &self,
-        set: &'a SeenSet,
-    ) -> Seen<impl Iterator<Item = Gaussian<Node>> + use<'a>> {
+    fn seen<'a>(&self, set: &'a SeenSet) -> Seen<impl Iterator<Item = Gaussian<Node>> + use<'a>> {
         let half_depth_sigma_m = self.half_depth_sigma_m;
         Seen { time_s: set.time_s, half_depth_sigma_m, points: set.points.iter().copied() }
     }
@@ -227,9 +227,10 @@ impl SiteProblem {
         let (Some(one), Some(other)) = (self.views.get(first), self.views.get(second)) else {
             return Problem::default();
         };
-        let common = one.sets.iter().filter_map(|(period, set)| {
-            Some((one.seen(set), other.seen(other.sets.get(period)?)))
-        });
+        let common = one
+            .sets
+            .iter()
+            .filter_map(|(period, set)| Some((one.seen(set), other.seen(other.sets.get(period)?))));
         Problem::of_nodes(common)
     }
 }

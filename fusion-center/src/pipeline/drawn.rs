@@ -46,6 +46,15 @@ pub(super) fn solved((first, second): (&str, &str), step: Step) -> Solved {
     Solved { job, solution, solver: "default", solve_time: Duration::from_millis(1) }
 }
 
+/// A pair whose node may be at `best` or at `rival`.
+pub(super) fn ambiguous(names: (&str, &str), best: Step, rival: Step) -> Solved {
+    let mut open = solved(names, best);
+    let pose_ref_from_node = Se2::new(rival.0, rival.1, rival.2);
+    let rivals = vec![registration::Rival { pose_ref_from_node, log_odds: 2.0 }];
+    open.solution.outcome = registration::Outcome::Ambiguous { rivals };
+    open
+}
+
 /// All pairs with these solutions in force, `n1` the reference.
 pub(super) fn pairs(all: &[((&str, &str), Step)]) -> Pairs {
     let mut pairs = Pairs::new(id("n1"), crate::config::WorkConfig::default());

@@ -11,6 +11,7 @@ use proto::time::CentreTime;
 
 use crate::gather::{Gather, NodeHistory};
 use crate::network::{Edge, Group, NodeView, SeenSet, SiteProblem, combine, refined};
+use crate::registration::Outcome;
 
 /// Combining pauses this many times as long as it took.
 const PAUSE_FACTOR: u32 = 9;
@@ -57,12 +58,13 @@ pub(super) fn with_pins(reference: &NodeId, edges: Vec<Edge>, pins: Vec<Edge>) -
     used
 }
 
-/// The nodes that edges without pinned nodes join to the reference.
+/// The nodes that determined edges without pinned nodes join to the reference.
 fn reached(reference: &NodeId, edges: &[Edge], pinned: &BTreeSet<&NodeId>) -> BTreeSet<NodeId> {
     let mut reached = BTreeSet::from([reference.clone()]);
     loop {
         let steps = edges
             .iter()
+            .filter(|edge| edge.solution.outcome == Outcome::Determined)
             .flat_map(|edge| [(&edge.first, &edge.second), (&edge.second, &edge.first)]);
         let is_new = |(from, to): &(&NodeId, &NodeId)| {
             reached.contains(*from) && !reached.contains(*to) && !pinned.contains(*to)

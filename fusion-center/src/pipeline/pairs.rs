@@ -19,7 +19,7 @@ use super::belief::{Belief, Judgement};
 use super::outcomes;
 use crate::config::WorkConfig;
 use crate::gather::{Gather, KeptSet, NodeHistory};
-use crate::network::Edge;
+use crate::network::{AGREEMENT_LOG_ODDS, Edge};
 use crate::registration::{self, Known, Problem, Seen, Solution};
 
 /// Solves started since, after which a waiting pair goes before those of higher rank.
@@ -93,6 +93,9 @@ pub(super) struct Newest {
 struct Standing {
     /// The solution in force, and the odds that it rests on.
     believed: Option<(Solution, Belief)>,
+    /// The newest ambiguous solution of a pair without a solution in force: loops through other
+    /// nodes may decide it.
+    open: Option<Solution>,
     newest: Option<Newest>,
     known: Option<Known>,
     /// Counts the wishes to start over: solutions of earlier data are not believed.
@@ -196,8 +199,9 @@ impl Pairs {
         standing.newest = Some(Newest { outcome, evidence, sets, solver });
         standing.known = Some(solved.solution.known.clone());
         let Some(estimate) = &solved.solution.estimate else { return false };
+        let kept = Solution { known: Known::default(), ..solved.solution.clone() };
         if solved.solution.outcome != registration::Outcome::Determined {
-            return false;
+            return standing.take_open(kept);
         }
         let new = Belief {
             pose: estimate.pose_ref_from_node,
@@ -213,8 +217,7 @@ impl Pairs {
             }
             Some(Judgement::Accept) | None => {}
         }
-        let kept = Solution { known: Known::default(), ..solved.solution.clone() };
-        standing.believed = Some((kept, new));
+        (standing.believed, standing.open) = (Some((kept, new)), None);
         true
     }
 
@@ -229,28 +232,36 @@ impl Pairs {
     /// Nothing that was found with this node is believed any longer.
     pub(super) fn doubt(&mut self, node: &NodeId) {
         for (_, standing) in self.standings.iter_mut().filter(|(pair, _)| pair.has(node)) {
-            standing.believed = None;
+            (standing.believed, standing.open) = (None, None);
             standing.known = None;
             standing.generation += 1;
         }
     }
 
-    /// The solutions in force.
+    /// The solutions in force, and the ambiguous ones of pairs that have none.
     pub(super) fn edges(&self) -> Vec<Edge> {
         let edge = |(pair, standing): (&Pair, &Standing)| {
-            let (solution, _) = standing.believed.as_ref()?;
+            let believed = standing.believed.as_ref().map(|(solution, _)| solution);
             let Pair { first, second } = pair.clone();
-            Some(Edge { first, second, solution: solution.clone() })
+            Some(Edge { first, second, solution: believed.or(standing.open.as_ref())?.clone() })
         };
         self.standings.iter().filter_map(edge).collect()
     }
 
-    /// The odds that a chain of nodes rests on: those of its weakest pair.
+    /// Whether all that is known of a pair is ambiguous.
+    pub(super) fn is_open(&self, one: &NodeId, other: &NodeId) -> bool {
+        let standing = self.standings.get(&Pair::new(&self.reference, one, other));
+        standing.is_some_and(|standing| standing.open.is_some())
+    }
+
+    /// The odds that a chain of nodes rests on: those of its weakest pair. A pair that only a loop
+    /// decided counts with what its agreement means at least.
     pub(super) fn log_odds(&self, via: &[NodeId]) -> f64 {
         let of_pair = |ends: &[NodeId]| {
             let pair = Pair::new(&self.reference, &ends[0], &ends[1]);
             let standing = self.standings.get(&pair)?;
-            standing.believed.as_ref().map(|(_, belief)| belief.log_odds)
+            let believed = standing.believed.as_ref().map(|(_, belief)| belief.log_odds);
+            believed.or_else(|| standing.open.as_ref().map(|_| AGREEMENT_LOG_ODDS))
         };
         via.windows(2).filter_map(of_pair).fold(f64::INFINITY, f64::min)
     }
@@ -273,6 +284,16 @@ impl Pairs {
 }
 
 impl Standing {
+    /// Takes an ambiguous solution in where nothing better is known. True if it is an edge now.
+    fn take_open(&mut self, kept: Solution) -> bool {
+        let is_open = matches!(kept.outcome, registration::Outcome::Ambiguous { .. });
+        let is_edge = is_open && self.believed.is_none();
+        if is_edge {
+            self.open = Some(kept);
+        }
+        is_edge
+    }
+
     fn count_contradiction(&mut self, pair: &Pair) {
         self.contradiction_count += 1;
         if self.contradiction_count.is_power_of_two() {
@@ -309,7 +330,9 @@ fn job(gather: &Gather, pair: &Pair) -> Option<Job> {
 
 fn problem(pairs: &[(&KeptSet, &KeptSet)]) -> Problem {
     let origin = pairs.first().map_or(CentreTime(0), |(in_ref, _)| in_ref.time);
-    Problem::of_nodes(pairs.iter().map(|(first, second)| (seen(origin, first), seen(origin, second))))
+    Problem::of_nodes(
+        pairs.iter().map(|(first, second)| (seen(origin, first), seen(origin, second))),
+    )
 }
 
 fn seen(origin: CentreTime, set: &KeptSet) -> Seen<impl Iterator<Item = Gaussian<Node>>> {

@@ -2,117 +2,13 @@
 
 use nalgebra::{Cholesky, DMatrix};
 use proto::geom::{Node, Ref, Se2, squared_length};
-use rand::rngs::ChaCha8Rng;
-use rand::{RngExt, SeedableRng};
-use rand_distr::StandardNormal;
 
+use super::super::drawn_edges::{
+    Draw, all_pairs, ambiguous, grid_pairs, name, names, posed, solution,
+};
 use super::*;
 use crate::network::combine;
-use crate::registration::{Evidence, Known, Missing, Solution};
-
-fn name(index: usize) -> NodeId {
-    format!("n{index:03}").parse().unwrap()
-}
-
-fn names(count: usize) -> Vec<NodeId> {
-    (0..count).map(name).collect()
-}
-
-fn solution(estimate: Option<PoseEstimate>, outcome: Outcome) -> Solution {
-    Solution { estimate, outcome, evidence: Evidence::default(), known: Known::default() }
-}
-
-/// A site whose edges err independently.
-struct Draw {
-    rng: ChaCha8Rng,
-    poses: Vec<Pose>,
-}
-
-impl Draw {
-    fn new(seed: u64, count: usize) -> Self {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut pose = |index: usize| {
-            let (row, column) = (index / 10, index % 10);
-            let place = [column as f64 * 4.0, row as f64 * 4.0];
-            Pose::new(place[0], place[1], rng.random_range(-3.0..3.0))
-        };
-        let poses: Vec<Pose> = (0..count).map(&mut pose).collect();
-        let inverse = poses[0].inverse();
-        let poses = poses.iter().map(|at| inverse * *at).collect();
-        Self { rng, poses }
-    }
-
-    fn normal(&mut self) -> Vector3<f64> {
-        Vector3::from_fn(|_, _| self.rng.sample(StandardNormal))
-    }
-
-    /// An edge with an error drawn from its covariance, σ of 1 to 4 cm and 0.3 to 1°.
-    fn edge(&mut self, first: usize, second: usize) -> Edge {
-        let truth = self.poses[first].inverse() * self.poses[second];
-        let root = Matrix3::new(
-            self.rng.random_range(0.01..0.04),
-            0.0,
-            0.0,
-            self.rng.random_range(-0.02..0.02),
-            self.rng.random_range(0.01..0.04),
-            0.0,
-            self.rng.random_range(-0.005..0.005),
-            self.rng.random_range(-0.005..0.005),
-            0.01,
-        );
-        let pose = truth.plus(&(root * self.normal()));
-        let relative = Relative { pose, covariance: root * root.transpose() };
-        let solution = solution(Some(relative.estimate()), Outcome::Determined);
-        Edge { first: name(first), second: name(second), solution }
-    }
-
-    /// Moves an edge's pose anywhere with a confident covariance.
-    fn corrupt(&mut self, edge: &mut Edge) {
-        let (x, y) = (self.rng.random_range(-10.0..10.0), self.rng.random_range(-10.0..10.0));
-        let heading = self.rng.random_range(-3.1..3.1);
-        set_pose(edge, Pose::new(x, y, heading), 1e-5);
-    }
-
-    fn index(edge: &Edge) -> (usize, usize) {
-        let of = |name: &NodeId| name.as_str()[1..].parse().unwrap();
-        (of(&edge.first), of(&edge.second))
-    }
-
-    /// Turns edges by one and the same wrong motion of the node that they share.
-    fn corrupt_together(&self, edge: &mut Edge, node: usize, wrong: Pose) {
-        let moved = self.poses[node] * wrong;
-        let (first, second) = Self::index(edge);
-        let at = |index: usize| if index == node { moved } else { self.poses[index] };
-        set_pose(edge, at(first).inverse() * at(second), 1e-4);
-    }
-
-    fn nees(&self, group: &Group, node: usize) -> f64 {
-        let estimate = &group.nodes[&name(node)].estimate;
-        let error = posed(estimate).minus(&self.poses[node]);
-        squared_length(&error, &estimate.covariance).unwrap()
-    }
-}
-
-fn posed(estimate: &PoseEstimate) -> Pose {
-    estimate.pose_ref_from_node.renamed()
-}
-
-fn set_pose(edge: &mut Edge, pose: Pose, variance: f64) {
-    let covariance = Matrix3::identity() * variance;
-    edge.solution.estimate = Some(Relative { pose, covariance }.estimate());
-}
-
-/// Neighbours of a grid of ten columns, with diagonals.
-fn grid_pairs(count: usize) -> Vec<(usize, usize)> {
-    let is_near =
-        |a: usize, b: usize| (a / 10).abs_diff(b / 10) < 2 && (a % 10).abs_diff(b % 10) < 2;
-    let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
-    pairs.filter(|(a, b)| is_near(*a, *b)).collect()
-}
-
-fn all_pairs(count: usize) -> Vec<(usize, usize)> {
-    (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect()
-}
+use crate::registration::Missing;
 
 #[test]
 fn a_chain_adds_up_covariances_and_claims_no_more() {
@@ -120,7 +16,7 @@ fn a_chain_adds_up_covariances_and_claims_no_more() {
     for seed in 0..300 {
         let mut draw = Draw::new(seed, 5);
         let edges = [draw.edge(0, 1), draw.edge(2, 1), draw.edge(2, 3), draw.edge(4, 3)];
-        let combined = combine_judged(&name(0), &names(5), &edges);
+        let combined = combine_as_given(&name(0), &names(5), &edges);
         let group = &combined.groups[0];
         assert_eq!((combined.groups.len(), group.nodes.len()), (1, 5));
         assert!(combined.verdicts.iter().all(|verdict| {
@@ -181,7 +77,7 @@ fn a_loop_is_that_of_the_full_least_squares_solution() {
 fn moved_sigmas(draw: &Draw, clean: &[Edge], edges: &[Edge]) -> (f64, usize) {
     let count = draw.poses.len();
     let good = combine(&name(0), &names(count), clean).remove(0);
-    let combined = combine_judged(&name(0), &names(count), edges);
+    let combined = combine_as_given(&name(0), &names(count), edges);
     let found = &combined.groups[0];
     let mut worst = 0.0_f64;
     for node in found.nodes.keys().skip(1) {
@@ -239,7 +135,7 @@ fn wrong_edges_that_agree_with_one_another_are_outvoted() {
         }
         let (moved, left_out) = moved_sigmas(&draw, &clean, &edges);
         assert!(moved < 3.0 && left_out == 0, "{seed}: {moved} {left_out}");
-        let combined = combine_judged(&name(0), &names(8), &edges);
+        let combined = combine_as_given(&name(0), &names(8), &edges);
         for (edge, verdict) in edges.iter().zip(&combined.verdicts) {
             let is_wrong = !clean.contains(edge);
             match verdict {
@@ -259,7 +155,7 @@ fn two_witnesses_that_contradict_each_other_decide_nothing() {
     let mut edges = vec![draw.edge(0, 1), draw.edge(0, 2), draw.edge(1, 2), draw.edge(0, 3)];
     edges.push(draw.edge(1, 3));
     draw.corrupt(&mut edges[4]);
-    let combined = combine_judged(&name(0), &names(4), &edges);
+    let combined = combine_as_given(&name(0), &names(4), &edges);
     assert_eq!(combined.groups.len(), 2);
     let group = &combined.groups[0];
     assert_eq!(group.nodes.keys().cloned().collect::<Vec<_>>(), names(3));
@@ -278,24 +174,10 @@ fn a_ring_that_does_not_close_decides_nothing_of_its_own() {
     let closed = combine(&name(0), &names(5), &edges);
     assert_eq!(closed[0].nodes.len(), 5);
     draw.corrupt(&mut edges[2]);
-    let combined = combine_judged(&name(0), &names(5), &edges);
+    let combined = combine_as_given(&name(0), &names(5), &edges);
     assert_eq!(combined.groups.len(), 5);
     assert!(combined.verdicts.iter().all(|verdict| *verdict == Verdict::Undecided));
     assert_eq!(combined.groups[0].doubtful.len(), 4);
-}
-
-/// The edge with another pose, and which of the two is taken for the likelier.
-fn ambiguous(mut edge: Edge, (wrong, is_best_wrong): (Pose, bool)) -> Edge {
-    let estimate = edge.solution.estimate.unwrap();
-    let pose = posed(&estimate);
-    let other = pose * wrong;
-    let (best, rival) = if is_best_wrong { (other, pose) } else { (pose, other) };
-    let covariance = estimate.covariance;
-    let rival = Relative { pose: rival, covariance }.estimate().pose_ref_from_node;
-    edge.solution.estimate = Some(Relative { pose: best, covariance }.estimate());
-    let rivals = vec![Rival { pose_ref_from_node: rival, log_odds: 1.0 }];
-    edge.solution.outcome = Outcome::Ambiguous { rivals };
-    edge
 }
 
 #[test]
@@ -305,14 +187,14 @@ fn loops_decide_between_the_poses_of_an_ambiguous_edge() {
         let wrong = Pose::new(0.5, 3.0, 3.1);
         let open = ambiguous(draw.edge(1, 2), (wrong, is_best_wrong));
         let edges = [draw.edge(0, 1), draw.edge(0, 2), open.clone(), draw.edge(0, 3)];
-        let combined = combine_judged(&name(0), &names(4), &edges);
+        let combined = combine_as_given(&name(0), &names(4), &edges);
         assert_eq!(combined.groups[0].nodes.len(), 4);
         let Verdict::Kept { rival_index, loop_chi_square } = combined.verdicts[2] else { panic!() };
         assert_eq!(rival_index, is_best_wrong.then_some(0));
         assert!(loop_chi_square.unwrap() < POSE_GATE);
         assert!(draw.nees(&combined.groups[0], 2) < POSE_GATE);
         // Alone, it decides nothing and says what else could be.
-        let lonely = combine_judged(&name(0), &names(3), &[draw.edge(0, 1), open]);
+        let lonely = combine_as_given(&name(0), &names(3), &[draw.edge(0, 1), open]);
         assert!(!lonely.groups[0].nodes.contains_key(&name(2)));
         let Standing::Undecided { rivals } = &lonely.groups[0].doubtful[&name(2)].standing else {
             panic!()
@@ -334,7 +216,7 @@ fn ambiguous_edges_that_mirror_one_another_stay_undecided() {
         ambiguous(draw.edge(0, 2), (wrong, false)),
         ambiguous(draw.edge(1, 2), (wrong, true)),
     ];
-    let combined = combine_judged(&name(0), &names(3), &edges);
+    let combined = combine_as_given(&name(0), &names(3), &edges);
     assert_eq!(combined.groups.len(), 2);
     assert!(combined.groups[0].doubtful.contains_key(&name(2)));
 }
@@ -356,7 +238,7 @@ fn groups_have_their_own_gauge_and_lonely_nodes_say_why() {
         stranger,
         Edge { second: name(4), ..draw.edge(4, 1) },
     ];
-    let combined = combine_judged(&name(4), &names(6), &edges);
+    let combined = combine_as_given(&name(4), &names(6), &edges);
     let gauges: Vec<NodeId> = combined.groups.iter().map(|group| group.gauge.clone()).collect();
     assert_eq!(gauges, [name(4), name(0), name(2), name(5)]);
     assert_eq!(combined.groups[0].nodes[&name(1)].via, [name(4), name(1)]);

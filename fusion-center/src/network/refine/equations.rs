@@ -166,7 +166,7 @@ pub(super) fn node_ratios(site: &Site, equations: &Equations) -> Vec<f64> {
     };
     let ratios: Vec<BlockRatio> =
         (0..count).map(|node| ratio(node).unwrap_or(BlockRatio::ONE)).collect();
-    let mean = ratios.iter().map(|ratio| ratio.value).sum::<f64>() / count as f64;
+    let mean = ratios.iter().map(|one| one.value).sum::<f64>() / count as f64;
     // The mean of as many ratios varies less.
     let sigmas = SIGNIFICANT_SIGMAS / (count as f64).sqrt();
     let common = BlockRatio { value: mean }.if_significant(sigmas);

@@ -5,8 +5,8 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 
-use super::super::site_cases::room;
 use super::super::relative::Pose;
+use super::super::site_cases::room;
 use super::super::{Group, Placed, Refinement};
 use super::*;
 use crate::simulate::Conditions;

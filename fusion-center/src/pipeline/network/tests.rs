@@ -4,7 +4,7 @@ use proto::geom::Se2;
 
 use super::*;
 use crate::network::{Placed, Standing};
-use crate::pipeline::drawn::{SIGMA, Step, chained, groups, id, off_m, pairs, solved};
+use crate::pipeline::drawn::{SIGMA, Step, ambiguous, chained, groups, id, off_m, pairs, solved};
 
 const N2: Step = (3.0, 1.0, 0.4);
 const N2_TO_N3: Step = (1.0, 2.0, -0.3);
@@ -61,4 +61,13 @@ fn a_node_that_others_join_to_the_reference_does_not_come_in_through_a_pin() {
 fn without_pins_every_edge_counts() {
     let all = pairs(&[(("n1", "n2"), N2), (("n2", "n3"), N2_TO_N3)]);
     assert_eq!(with_pins(&id("n1"), all.edges(), Vec::new()), all.edges());
+}
+
+#[test]
+fn an_ambiguous_pair_keeps_no_node_from_coming_in_through_a_pin() {
+    let n3 = chained(N2, N2_TO_N3);
+    let mut all = pairs(&[(("n2", "n3"), N2_TO_N3)]);
+    all.take(&ambiguous(("n1", "n3"), (9.0, 9.0, 2.0), (-8.0, 1.0, -1.0)));
+    let found = groups(&with_pins(&id("n1"), all.edges(), pin(N2)));
+    assert!(off_m(&placed(&found, "n3").estimate.pose_ref_from_node, n3) < 1e-9);
 }

@@ -92,11 +92,19 @@ impl Situation {
     }
 
     /// What is told where the node's newest solve says `newest`: no single pair determines a node
-    /// that the combination does not place.
-    fn outcome(&self, newest: Outcome) -> Outcome {
+    /// that the combination does not place, and loops determine one whose pair is ambiguous.
+    fn outcome(&self, pairs: &Pairs, ends: [&NodeId; 2], newest: Outcome) -> Outcome {
         let underdetermined = |missing: String| Outcome::Underdetermined { missing };
+        let [node, reference] = ends;
+        let is_ambiguous = matches!(newest, Outcome::Ambiguous { .. });
         match self {
-            Self::Placed { .. } => newest,
+            Self::Placed { via } => {
+                let before = via.iter().rev().nth(1);
+                let is_open = before.is_some_and(|before| pairs.is_open(before, node));
+                if is_ambiguous && is_open { Outcome::Determined } else { newest }
+            }
+            // The pair with the reference knows the odds, too.
+            Self::Tied { .. } if is_ambiguous && pairs.is_open(reference, node) => newest,
             Self::Tied { rivals } => Outcome::Ambiguous { rivals: rivals.clone() },
             Self::Detached { with } => Outcome::Detached { with: with.clone() },
             Self::Alone { pair_count, contradicted_count } if 0 < *contradicted_count => {
@@ -132,7 +140,9 @@ impl Poses {
         let (outcome, evidence, sets, solver) = match newest {
             _ if *node == self.reference => (Outcome::Reference, Evidence::default(), None, ""),
             Some((one, sets)) => {
-                (situation.outcome(one.outcome.clone()), one.evidence, Some(sets), one.solver)
+                let ends = [node, &self.reference];
+                let outcome = situation.outcome(pairs, ends, one.outcome.clone());
+                (outcome, one.evidence, Some(sets), one.solver)
             }
             None => {
                 standing.in_force?;

@@ -3,7 +3,8 @@
 use proto::wire::Outcome;
 
 use super::*;
-use crate::pipeline::drawn::{SIGMA, Step, chained, groups, id, off_m, pairs};
+use crate::network::AGREEMENT_LOG_ODDS;
+use crate::pipeline::drawn::{SIGMA, Step, ambiguous, chained, groups, id, off_m, pairs, solved};
 
 const N2: Step = (3.0, 1.0, 0.4);
 const N2_TO_N3: Step = (1.0, 2.0, -0.3);
@@ -132,4 +133,34 @@ fn nobody_comes_in_through_a_pin_that_is_suspect_or_outdated() {
     assert!(poses.placements().is_empty(), "the monitor has nothing to hold it to");
     poses.pin(now(), &id("n2"), None).unwrap();
     assert_eq!(poses.pins().len(), 1, "the operator says that it holds");
+}
+
+#[test]
+fn two_ambiguous_pairs_that_agree_determine_a_node_until_something_better_comes() {
+    let (n3, elsewhere) = (chained(N2, N2_TO_N3), (9.0, 2.0, 2.0));
+    let mut pairs = pairs(&[(("n1", "n2"), N2)]);
+    let mut poses = Poses::new(id("n1"));
+    assert!(pairs.take(&ambiguous(("n1", "n3"), elsewhere, n3)), "it is an edge now");
+    poses.take(now(), &groups(&pairs.edges()), &pairs);
+    let told = poses.registration(now(), &id("n3"), &pairs).unwrap();
+    let Outcome::Ambiguous { rivals } = &told.outcome else { panic!("{told:?}") };
+    assert!((rivals[0].log_odds - 2.0).abs() < 1e-12, "the odds are those of the pair");
+    assert_eq!(told.transform, None);
+    // The pair with n2 allows the same place, and another one.
+    assert!(pairs.take(&ambiguous(("n2", "n3"), N2_TO_N3, (4.0, 4.0, 1.0))));
+    poses.take(now(), &groups(&pairs.edges()), &pairs);
+    let decided = poses.registration(now(), &id("n3"), &pairs).unwrap();
+    assert_eq!(decided.outcome, Outcome::Determined);
+    let (pose, covariance) = poses.pose(&id("n3")).unwrap();
+    // Rivals are taken with a wider covariance than SIGMA.
+    assert!(off_m(&pose, n3) < 3.0 * SIGMA, "{pose:?}");
+    assert!(covariance[(0, 0)].sqrt() < 3.0 * SIGMA);
+    let odds = pairs.log_odds(&decided.via);
+    assert!((odds - AGREEMENT_LOG_ODDS).abs() < 1e-12, "{odds}");
+    // A determined pair takes the place of an ambiguous one, never the other way round.
+    pairs.take(&solved(("n1", "n3"), n3));
+    assert!(!pairs.take(&ambiguous(("n1", "n3"), elsewhere, n3)));
+    assert!(pairs.log_odds(&[id("n1"), id("n3")]) > 40.0);
+    pairs.doubt(&id("n3"));
+    assert_eq!(pairs.edges().len(), 1);
 }
