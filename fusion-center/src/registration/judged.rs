@@ -11,7 +11,7 @@
 //! Cost: one evaluation of the likelihood.
 
 use nalgebra::{Cholesky, Matrix2x3, Matrix3, Vector2};
-use proto::geom::point_by_pose;
+use proto::geom::{point_by_pose, principal_axes};
 
 use super::decide::{DecisionConfig, decide_first, too_wide};
 use super::likelihood::for_each_period;
@@ -21,6 +21,9 @@ use super::{Outcome, Pairwise, PoseEstimate, Problem, Solution, Solver};
 
 /// Poses that carry the points less than this apart, metres, are one rival.
 const RIVAL_DISTANCE_M: f64 = 0.1;
+
+/// Standard deviation of a heading of which nothing is known: `π / √3`.
+const UNKNOWN_HEADING_SIGMA_RAD: f64 = 1.813_799;
 
 /// What the decision is about.
 pub(super) struct Case<'a> {
@@ -49,13 +52,43 @@ impl<'a> Case<'a> {
         others: &[Motion],
         own_covariance: impl FnOnce(&Mode) -> Option<Matrix3<f64>>,
     ) -> Solution {
-        let modes = modes_of(self.data, found, others);
+        let modes = self.modes_of(found, others);
         let solution = decide_first(self.data, &modes, self.given_period_count, self.decision);
         let own = modes.first().and_then(|mode| Some((mode, own_covariance(mode)?)));
         match own {
             Some((mode, covariance)) => self.with_covariance(solution, mode, &covariance),
             None => solution,
         }
+    }
+
+    /// The found pose as it is, then the other poses, refined so that the decision sees how good
+    /// they really are.
+    fn modes_of(&self, found: &Motion, others: &[Motion]) -> Vec<Mode> {
+        let data = self.data;
+        let Some(best) = fixed(data, *found) else { return Vec::new() };
+        let climbed = refine(data, *found);
+        let top = climbed.as_ref().map_or(*found, |mode| mode.motion);
+        let is_other = |mode: &Mode| {
+            data.displacement_m(&top, &mode.motion) > RIVAL_DISTANCE_M
+                && data.displacement_m(found, &mode.motion) > RIVAL_DISTANCE_M
+        };
+        let separate = separated(data, others, others.len(), RIVAL_DISTANCE_M);
+        // The maximum beside the found pose takes part, so that what it cannot be told from is no
+        // rival.
+        let maxima = climbed.into_iter().chain(separate.iter().filter_map(|m| refine(data, *m)));
+        let known = maxima.filter(|mode| self.is_fixed(mode));
+        let distinct = merged(data, known.collect(), RIVAL_DISTANCE_M);
+        std::iter::once(best).chain(distinct.into_iter().filter(is_other)).collect()
+    }
+
+    /// Whether the points tell more of every unknown than was known before. A swarm's best pose of
+    /// a sector often meets one point only, with any heading; the odds of such a ridge, by the
+    /// volume of a peak that it has not, are those of a good pose.
+    fn is_fixed(&self, mode: &Mode) -> bool {
+        let position = mode.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        let (sigma_m, _, _) = principal_axes(&position);
+        let sigma_rad = mode.covariance[(2, 2)].sqrt();
+        sigma_m < self.decision.prior_half_width_m && sigma_rad < UNKNOWN_HEADING_SIGMA_RAD
     }
 
     /// The solution with the estimator's covariance in the place of the likelihood's, and the limits of
@@ -80,23 +113,6 @@ impl<'a> Case<'a> {
 pub(super) fn likely_motions(problem: &Problem) -> Vec<Motion> {
     let solution = Pairwise::default().solve(problem, None);
     solution.known.starts().map(|(motion, _)| motion).collect()
-}
-
-/// The found pose as it is, then the other poses, refined so that the decision sees how good they
-/// really are.
-fn modes_of(data: &Prepared, found: &Motion, others: &[Motion]) -> Vec<Mode> {
-    let Some(best) = fixed(data, *found) else { return Vec::new() };
-    let climbed = refine(data, *found);
-    let top = climbed.as_ref().map_or(*found, |mode| mode.motion);
-    let is_other = |mode: &Mode| {
-        data.displacement_m(&top, &mode.motion) > RIVAL_DISTANCE_M
-            && data.displacement_m(found, &mode.motion) > RIVAL_DISTANCE_M
-    };
-    let separate = separated(data, others, others.len(), RIVAL_DISTANCE_M);
-    // The maximum beside the found pose takes part, so that what it cannot be told from is no rival.
-    let maxima = climbed.into_iter().chain(separate.iter().filter_map(|m| refine(data, *m)));
-    let distinct = merged(data, maxima.collect(), RIVAL_DISTANCE_M);
-    std::iter::once(best).chain(distinct.into_iter().filter(is_other)).collect()
 }
 
 /// `J`: how a node's point moves in the reference frame with `(x, y, heading)`.

@@ -142,3 +142,30 @@ fn a_pose_beside_a_better_one_is_refused() {
     let solution = judged.judge(&wrong, &likely, |_| None);
     assert_ne!(solution.outcome, Outcome::Determined);
 }
+
+#[test]
+fn a_pose_that_meets_one_point_whatever_its_heading_is_no_rival() {
+    let mut free_count = 0;
+    for seed in 31_000..31_010 {
+        let case = trial(&Conditions::MISSES, seed);
+        let data = Prepared::new(&case.problem);
+        let found = likely_motions(&case.problem)[0];
+        // One point of each side laid upon the other, at all headings.
+        let others: Vec<Motion> = (0..36)
+            .map(|sector| {
+                let turn = Motion::new(0.0, 0.0, f64::from(sector) * 0.1745);
+                let (point, node) = (&data.refs[0], &data.nodes[data.nodes.len() - 1]);
+                let (x, y) = turn.turned(node.x, node.y);
+                Motion { x: point.x - x, y: point.y - y, ..turn }
+            })
+            .collect();
+        let decision = DecisionConfig::default();
+        let judged = Case { data: &data, given_period_count: 8, decision: &decision };
+        let is_free =
+            |motion: &Motion| refine(&data, *motion).is_some_and(|mode| !judged.is_fixed(&mode));
+        free_count += others.iter().filter(|motion| is_free(motion)).count();
+        let solution = judged.judge(&found, &others, |_| None);
+        assert_eq!(solution.outcome, Outcome::Determined, "{seed}: {:?}", solution.evidence);
+    }
+    assert!(free_count > 20, "{free_count}: nothing was tried");
+}

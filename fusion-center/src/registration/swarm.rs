@@ -84,14 +84,14 @@ impl Swarm {
         Self { config, decision }
     }
 
-    /// The best pose of every sector with its objective, best first.
-    fn sector_bests(&self, data: &Prepared) -> Vec<(f64, Vector3<f64>)> {
+    /// The best pose of every sector, best first.
+    pub(super) fn motions(&self, data: &Prepared) -> Vec<Motion> {
         let mut bests: Vec<(f64, Vector3<f64>)> = (0..self.config.sector_count)
             .into_par_iter()
             .map(|sector| search_sector(data, &self.config, sector))
             .collect();
         bests.sort_by(|a, b| a.0.total_cmp(&b.0));
-        bests
+        bests.iter().map(|(_, best)| Motion::new(best.x, best.y, best.z)).collect()
     }
 }
 
@@ -106,11 +106,7 @@ impl Solver for Swarm {
         if data.spans.is_empty() || self.config.particle_count == 0 {
             return case.nothing_found();
         }
-        let motions: Vec<Motion> = self
-            .sector_bests(&data)
-            .iter()
-            .map(|(_, best)| Motion::new(best.x, best.y, best.z))
-            .collect();
+        let motions = self.motions(&data);
         let Some((found, others)) = motions.split_first() else { return case.nothing_found() };
         let scale = self.config.covariance_scale;
         case.judge(found, others, |mode| {
