@@ -95,7 +95,7 @@ pub struct GroupJson {
 }
 
 /// See [`Evidence`].
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct EvidenceJson {
     matched_point_count: usize,
     distinct_point_count: usize,
@@ -106,6 +106,8 @@ pub struct EvidenceJson {
     log_odds: f64,
     rival_log_odds: Option<f64>,
     certified_rival_share: Option<f64>,
+    /// Why nothing is proven.
+    uncertified: Option<String>,
 }
 
 impl From<Se2<Ref, Node>> for PoseJson {
@@ -126,7 +128,8 @@ impl From<Evidence> for EvidenceJson {
             covariance_inflation: evidence.covariance_inflation,
             log_odds: evidence.log_odds,
             rival_log_odds: evidence.rival_log_odds,
-            certified_rival_share: evidence.certified_rival_share,
+            certified_rival_share: evidence.certificate.rival_share(),
+            uncertified: evidence.certificate.reason().map(|reason| reason.to_string()),
         }
     }
 }
@@ -168,7 +171,7 @@ impl Answer {
             let sigma = |index: usize| cov[index][index].sqrt();
             format!("{:.3} {:.3} {:.2}°", sigma(0), sigma(1), sigma(2).to_degrees())
         });
-        let matched = answer.evidence.map_or(0, |evidence| evidence.matched_point_count);
+        let matched = answer.evidence.as_ref().map_or(0, |evidence| evidence.matched_point_count);
         let mut outcome = answer.outcome.to_owned();
         let notes = answer.missing.iter().cloned().chain(answer.rivals.iter().map(|rival| {
             let PoseJson { x_m, y_m, heading_rad } = rival.pose_ref_from_node;
@@ -295,16 +298,10 @@ fn seen_from(edge: &Edge, first: &NodeId) -> Solution {
     solution.estimate = solution.estimate.as_ref().map(inverse);
     if let Outcome::Ambiguous { rivals } = &mut solution.outcome {
         for rival in rivals {
-            rival.pose_ref_from_node = renamed(rival.pose_ref_from_node.inverse());
+            rival.pose_ref_from_node = rival.pose_ref_from_node.inverse().renamed();
         }
     }
     solution
-}
-
-/// The names of the frames changed places with the direction.
-fn renamed(pose: Se2<Node, Ref>) -> Se2<Ref, Node> {
-    let at = pose.translation_m();
-    Se2::new(at.x, at.y, pose.heading_rad())
 }
 
 fn of_group(group: &Group, node: &NodeId) -> Option<GroupJson> {
@@ -340,7 +337,8 @@ mod tests {
         const STEP: f64 = 1e-6;
         let pose = Vector3::new(2.0, -1.0, 0.7);
         let inverted_at = |theta: &Vector3<f64>| {
-            let inverted = renamed(Se2::<Ref, Node>::new(theta.x, theta.y, theta.z).inverse());
+            let given = Se2::<Ref, Node>::new(theta.x, theta.y, theta.z);
+            let inverted: Se2<Ref, Node> = given.inverse().renamed();
             let at = inverted.translation_m();
             Vector3::new(at.x, at.y, inverted.heading_rad())
         };

@@ -53,7 +53,8 @@ pub(super) fn evidence(evidence: &registration::Evidence, solve_time: Duration) 
         // A bound above the best pose's own says nothing; one below "nothing in common" no more
         // than that.
         certified_rival_share: evidence
-            .certified_rival_share
+            .certificate
+            .rival_share()
             .filter(|share| *share <= 1.0)
             .map(|share| share.max(0.0)),
         solve_ms: solve_time.as_secs_f64() * 1e3,

@@ -27,7 +27,7 @@ use super::modes::Mode;
 use super::offsets::offset_covariance;
 use super::prepared::Prepared;
 use super::symmetry::symmetric_share;
-use super::{Evidence, Known, Missing, Outcome, PoseEstimate, Rival, Solution};
+use super::{Certificate, Evidence, Known, Missing, Outcome, PoseEstimate, Rival, Solution};
 
 /// Typical standard deviations by which two places must differ at least: with more of them, tracks
 /// of noisy points fill few places and prove nothing; with fewer, standing targets seem to move.
@@ -269,7 +269,7 @@ fn assess<'a>(
         covariance_inflation: doubt * mode.covariance_scale,
         log_odds,
         rival_log_odds: None,
-        certified_rival_share: None,
+        certificate: Certificate::default(),
     };
     let estimate = PoseEstimate { pose_ref_from_node: mode.motion.pose(), covariance };
     Assessed { mode, estimate, evidence }

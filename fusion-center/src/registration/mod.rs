@@ -44,6 +44,7 @@ mod scene_tests;
 #[cfg(test)]
 mod statistics_tests;
 
+pub use certificate::{Certificate, Uncertified};
 pub use decide::DecisionConfig;
 pub use graph::{Graph, GraphConfig};
 pub use known::Known;
@@ -86,7 +87,7 @@ pub trait Solver: Send + Sync {
 
     /// The pose of the node and how far the data decide it. `known` is what the last solution of
     /// the same node found; it saves time, and with it rivals are sought near what was known and
-    /// among few fresh hypotheses, and nothing is certified. The same problem and the same `known`
+    /// among few fresh hypotheses, and nothing is certified, which the evidence says. The same problem and the same `known`
     /// give the same bytes.
     fn solve(&self, problem: &Problem, known: Option<&Known>) -> Solution;
 }
@@ -330,9 +331,8 @@ pub struct Evidence {
     pub log_odds: f64,
     /// Natural logarithm of the best pose's odds against the next separated one, if there is one.
     pub rival_log_odds: Option<f64>,
-    /// Proven: no pose apart from the best one has more than this share of its log likelihood
-    /// ratio. `None` where nothing was proven.
-    pub certified_rival_share: Option<f64>,
+    /// Whether it is proven that no other pose comes near.
+    pub certificate: Certificate,
 }
 
 /// Which solver to use.

@@ -19,7 +19,9 @@ impl Problem {
     /// The problem of the second node in the frame of the first, from the periods in which both
     /// were heard, oldest first. The half depth of each side is as unsure as its least sure period.
     #[must_use]
-    pub fn of_nodes<First, Second>(common: impl Iterator<Item = (Seen<First>, Seen<Second>)>) -> Self
+    pub fn of_nodes<First, Second>(
+        common: impl Iterator<Item = (Seen<First>, Seen<Second>)>,
+    ) -> Self
     where
         First: Iterator<Item = Gaussian<Node>>,
         Second: Iterator<Item = Gaussian<Node>>,
@@ -70,7 +72,10 @@ mod tests {
                 Period {
                     ref_time_s: 1.0,
                     node_time_s: 1.1,
-                    in_ref: vec![Gaussian { mean: Point::new(5.0, 1.0), cov_m2: point(0.0).cov_m2 }],
+                    in_ref: vec![Gaussian {
+                        mean: Point::new(5.0, 1.0),
+                        cov_m2: point(0.0).cov_m2,
+                    }],
                     in_node: vec![point(6.0), point(7.0)],
                 },
                 Period {

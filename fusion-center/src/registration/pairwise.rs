@@ -12,7 +12,7 @@ use super::joint::joined;
 use super::likelihood::{Model, score};
 use super::modes::{Mode, START_SHARE, merged, refine_all, refine_from, refine_hopeful, rescaled};
 use super::prepared::{Motion, Place, Prepared, apart_m2};
-use super::{Known, Outcome, Problem, Solution, Solver};
+use super::{Certificate, Known, Outcome, Problem, Solution, Solver, Uncertified};
 
 /// Factor on all covariances while hypotheses are ranked: they carry the errors of two points.
 const RANKING_SCALE: f64 = 2.0;
@@ -125,7 +125,8 @@ impl Solver for Pairwise {
         let conclude =
             |modes: &[Mode]| decide_among(&data, modes, problem.periods.len(), &self.decision);
         let (next, modes, pairwise) = if let Some((next, modes)) = resumed {
-            let solution = conclude(&modes);
+            let mut solution = conclude(&modes);
+            solution.evidence.certificate = Certificate::lacking(Uncertified::Resumed);
             (next, modes, solution)
         } else {
             let found = self.search(&data);

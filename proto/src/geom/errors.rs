@@ -153,9 +153,9 @@ mod tests {
             numbers[1][axis] -= STEP;
             let [more, less] = numbers.map(|n| value(&Se2::new(n.x, n.y, n.z)));
             let moved = (more.translation_m() - less.translation_m()) / (2.0 * STEP);
-            let turned = (more.heading_rad() - less.heading_rad() + 1.0).rem_euclid(
-                std::f64::consts::TAU,
-            ) - 1.0;
+            let turned = (more.heading_rad() - less.heading_rad() + 1.0)
+                .rem_euclid(std::f64::consts::TAU)
+                - 1.0;
             Vector3::new(moved.x, moved.y, turned / (2.0 * STEP))
         };
         Matrix3::from_columns(&[column(0), column(1), column(2)])

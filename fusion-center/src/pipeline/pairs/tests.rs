@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 use proto::geom::Se2;
 
 use super::*;
-use crate::registration::PoseEstimate;
+use crate::registration::{Certificate, PoseEstimate, Uncertified};
 
 fn id(name: &str) -> NodeId {
     name.parse().unwrap()
@@ -146,11 +146,17 @@ fn what_was_spent_must_be_earned_first() {
 
 #[test]
 fn the_certificate_goes_out_and_a_bound_that_says_nothing_does_not() {
-    for (share, told) in [(Some(0.4), Some(0.4)), (Some(1.2), None), (Some(-0.1), Some(0.0))] {
+    let proven = |rival_share: f64| Certificate::Proven { rival_share };
+    for (certificate, told) in [
+        (proven(0.4), Some(0.4)),
+        (proven(1.2), None),
+        (proven(-0.1), Some(0.0)),
+        (Certificate::Lacking { reason: Uncertified::Resumed }, None),
+    ] {
         let evidence = registration::Evidence {
             distinct_point_count: 7,
             covariance_inflation: 1.5,
-            certified_rival_share: share,
+            certificate,
             ..registration::Evidence::default()
         };
         let sent = outcomes::evidence(&evidence, Duration::ZERO);

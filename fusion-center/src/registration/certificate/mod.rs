@@ -28,7 +28,10 @@ use bound::{Bounds, Cell, Room};
 
 mod bound;
 mod exponential;
+mod stated;
 mod sums;
+
+pub use stated::{Certificate, Uncertified};
 
 #[cfg(test)]
 mod tests;
@@ -74,8 +77,11 @@ pub(super) enum Verdict {
         /// The share.
         share: f64,
     },
-    /// The budget ended before anything was proven.
-    Open,
+    /// Nothing was proven.
+    Open {
+        /// Why.
+        reason: Uncertified,
+    },
     /// There may be a pose near this one that has more than the goal's share.
     Suspect {
         /// The pose.
@@ -85,7 +91,7 @@ pub(super) enum Verdict {
 
 /// The verdict, and how many pairs were visited for it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Certificate {
+pub(super) struct Attempt {
     pub(super) verdict: Verdict,
     pub(super) visit_count: usize,
 }
@@ -102,14 +108,25 @@ pub(super) fn confirmed(
     let mut solution = conclude(&modes);
     let mut cleared: Vec<Motion> = Vec::new();
     let mut left = *goal;
+    let unfinished = Uncertified::Unfinished { visit_count: goal.visit_count };
+    let mut certificate = Certificate::lacking(unfinished);
     for _ in 0..=SUSPECT_COUNT {
-        let Some(best) = decided(&modes, &solution, goal) else { break };
-        let certificate = certify(data, best, &cleared, &left);
-        left.visit_count -= certificate.visit_count.min(left.visit_count);
-        match certificate.verdict {
-            Verdict::Open => break,
+        let best = match decided(&modes, &solution, goal) {
+            Ok(best) => best,
+            Err(reason) => {
+                certificate = Certificate::lacking(reason);
+                break;
+            }
+        };
+        let attempt = certify(data, best, &cleared, &left);
+        left.visit_count -= attempt.visit_count.min(left.visit_count);
+        match attempt.verdict {
+            Verdict::Open { reason } => {
+                certificate = Certificate::lacking(reason);
+                break;
+            }
             Verdict::Proven { share } => {
-                solution.evidence.certified_rival_share = Some(share);
+                certificate = Certificate::Proven { rival_share: share };
                 break;
             }
             Verdict::Suspect { motion } => {
@@ -127,36 +144,41 @@ pub(super) fn confirmed(
             }
         }
     }
+    solution.evidence.certificate = certificate;
     (modes, solution)
 }
 
 /// The mode that the solution determines, if no other one has the goal's share already.
-fn decided<'a>(modes: &'a [Mode], solution: &Solution, goal: &Goal) -> Option<&'a Mode> {
-    let pose = solution.estimate.filter(|_| solution.outcome == Outcome::Determined)?;
-    let is_best = |mode: &&Mode| mode.motion.pose() == pose.pose_ref_from_node;
-    let best = modes.iter().find(is_best)?;
+fn decided<'a>(
+    modes: &'a [Mode],
+    solution: &Solution,
+    goal: &Goal,
+) -> Result<&'a Mode, Uncertified> {
+    let pose = solution.estimate.filter(|_| solution.outcome == Outcome::Determined);
+    let is_best = |mode: &&Mode| pose.is_some_and(|p| mode.motion.pose() == p.pose_ref_from_node);
+    let best = modes.iter().find(is_best).ok_or(Uncertified::NotDetermined)?;
     let level = goal.share * best.fit.log_ratio;
     let is_open = |mode: &Mode| mode.fit.log_ratio > level && mode.motion != best.motion;
-    (!modes.iter().any(is_open)).then_some(best)
+    if modes.iter().any(is_open) { Err(Uncertified::Contested) } else { Ok(best) }
 }
 
 /// Searches all poses apart from `best` for one with more than the goal's share of its Λ; suspects
 /// near one of `cleared` were looked into already.
-pub(super) fn certify(
-    data: &Prepared,
-    best: &Mode,
-    cleared: &[Motion],
-    goal: &Goal,
-) -> Certificate {
-    let open = Certificate { verdict: Verdict::Open, visit_count: 0 };
+pub(super) fn certify(data: &Prepared, best: &Mode, cleared: &[Motion], goal: &Goal) -> Attempt {
+    let open = |reason| Attempt { verdict: Verdict::Open { reason }, visit_count: 0 };
     let pair_count: usize = data.spans.iter().map(Span::pair_count).sum();
-    if best.fit.log_ratio <= 0.0 || pair_count * LEAST_CELL_COUNT > goal.visit_count {
-        return open;
+    let most = goal.visit_count / LEAST_CELL_COUNT;
+    if goal.visit_count == 0 {
+        return open(Uncertified::Unasked);
     }
-    let Some(peak) = Peak::new(data, best, goal) else { return open };
+    if pair_count > most {
+        return open(Uncertified::TooManyPairs { pair_count, most });
+    }
+    let peak = Peak::new(data, best, goal).filter(|_| best.fit.log_ratio > 0.0);
+    let Some(peak) = peak else { return open(Uncertified::Shapeless) };
     let mut search = Search::new(data, best, goal, peak);
     let verdict = search.run(cleared);
-    Certificate { verdict, visit_count: search.visit_count }
+    Attempt { verdict, visit_count: search.visit_count }
 }
 
 /// The poses that are not apart from the best one.
@@ -296,7 +318,11 @@ impl<'a> Search<'a> {
 
     fn proven(&self, bound: f64) -> Verdict {
         let share = bound.max(self.done_bound) / self.best_log_ratio;
-        if share < 1.0 { Verdict::Proven { share } } else { Verdict::Open }
+        if share < 1.0 {
+            Verdict::Proven { share }
+        } else {
+            Verdict::Open { reason: Uncertified::Unfinished { visit_count: self.visit_count } }
+        }
     }
 
     /// All poses at which a pair can meet, in sectors of the heading.

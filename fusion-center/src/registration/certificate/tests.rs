@@ -220,13 +220,20 @@ fn a_budget_that_ends_gives_a_weaker_proof_or_none() {
                 assert!((0.8..=last).contains(&share), "{part}: {share} {last}");
                 last = share;
             }
-            other => assert_eq!(other, Verdict::Open, "{part}"),
+            Verdict::Open { reason: Uncertified::Unfinished { visit_count } } => {
+                assert!(visit_count >= limited.visit_count, "{part}: {visit_count}");
+            }
+            Verdict::Open { reason: Uncertified::TooManyPairs { pair_count, most } } => {
+                assert!(pair_count > most, "{part}: {pair_count} {most}");
+            }
+            other => panic!("{part}: {other:?}"),
         }
     }
     assert!(last < 1.0);
     let none = Goal { visit_count: 0, ..goal(&data, 0.8) };
-    assert_eq!(certify(&data, &best, &[], &none).verdict, Verdict::Open);
-    assert_eq!(certify(&data, &best, &[], &none).visit_count, 0);
+    let unasked = certify(&data, &best, &[], &none);
+    assert_eq!(unasked.verdict, Verdict::Open { reason: Uncertified::Unasked });
+    assert_eq!(unasked.visit_count, 0);
 }
 
 #[test]
@@ -236,12 +243,54 @@ fn the_solver_certifies_the_scene_of_the_paper() {
     for seed in 500..540 {
         let case = trial(&Conditions::WITH_FALSE_POINTS, seed);
         let solution = Pairwise::default().solve(&case.problem, None);
-        if let Some(share) = solution.evidence.certified_rival_share {
+        if let Some(share) = solution.evidence.certificate.rival_share() {
             assert!((0.0..=0.8).contains(&share), "{seed}: {share}");
             proven_count += 1;
         }
     }
     assert!(proven_count >= 38, "{proven_count}");
+}
+
+#[test]
+fn a_solution_without_a_proof_says_why() {
+    use super::super::{Pairwise, Problem, Solver, Swarm, SwarmConfig};
+    use crate::simulate::large_room;
+    let solver = Pairwise::default();
+    let reason = |solution: &Solution| solution.evidence.certificate.reason();
+    let case = trial(&Conditions::CLEAN, 1);
+    let first = solver.solve(&case.problem, None);
+    assert_eq!(reason(&first), None);
+    let resumed = solver.solve(&case.problem, Some(&first.known));
+    assert_eq!(reason(&resumed), Some(Uncertified::Resumed));
+    let large = solver.solve(&large_room(3, 100).problem, None);
+    let Some(Uncertified::TooManyPairs { pair_count, most }) = reason(&large) else {
+        panic!("{:?}", large.evidence.certificate);
+    };
+    assert!(pair_count > 500 && most == 500, "{pair_count} {most}");
+    let empty = solver.solve(&Problem::default(), None);
+    assert_eq!(reason(&empty), Some(Uncertified::NotDetermined));
+    let few = SwarmConfig { particle_count: 20, iteration_count: 5, ..SwarmConfig::default() };
+    let swarm = Swarm::new(few, super::super::DecisionConfig::default());
+    assert_eq!(reason(&swarm.solve(&case.problem, None)), Some(Uncertified::Unasked));
+    let (data, best) = best_of(&case);
+    let mut flat = best.clone();
+    flat.covariance = Matrix3::zeros();
+    let shapeless = certify(&data, &flat, &[], &goal(&data, 0.8)).verdict;
+    assert_eq!(shapeless, Verdict::Open { reason: Uncertified::Shapeless });
+    for (why, part) in [
+        (
+            Uncertified::TooManyPairs { pair_count: 700, most: 500 },
+            "700 pairs of points, at most 500",
+        ),
+        (Uncertified::Unfinished { visit_count: 90 }, "90 visits"),
+        (Uncertified::Resumed, "resumed"),
+        (Uncertified::Contested, "another pose"),
+        (Uncertified::Shapeless, "no peak"),
+        (Uncertified::NotDetermined, "not determined"),
+        (Uncertified::Unasked, "asked"),
+    ] {
+        assert!(why.to_string().contains(part), "{why}");
+    }
 }
 
 #[test]
@@ -263,7 +312,7 @@ fn a_search_that_misses_the_best_mode_is_corrected() {
     let (modes, solution) = confirmed(&data, half_blind, &goal(&data, 0.8), conclude);
     assert_eq!(modes.len(), 2);
     assert!(matches!(solution.outcome, Outcome::Ambiguous { .. }));
-    assert_eq!(solution.evidence.certified_rival_share, None);
+    assert_eq!(solution.evidence.certificate.rival_share(), None);
 }
 
 type Draw = (&'static str, Box<dyn Fn(u64) -> Trial>);
@@ -293,7 +342,7 @@ fn study_time_of_the_certificate() {
                 let start = std::time::Instant::now();
                 let solution = solver.solve(&case.problem, None);
                 of_solver_us.push(start.elapsed().as_secs_f64() * 1e6);
-                shares.extend(solution.evidence.certified_rival_share);
+                shares.extend(solution.evidence.certificate.rival_share());
             }
             let (data, best) = best_of(&case);
             visits.push(certify(&data, &best, &[], &goal(&data, 0.8)).visit_count as f64);
