@@ -11,7 +11,7 @@ const CRATES: [&str; 4] = ["proto", "node-agent", "fusion-center", "sim-harness"
 const MAX_FILE_LINES: usize = 500;
 
 /// Folders and files of pure functions: no clock, no network, no executor, no environment, no file.
-const PURE: [&str; 20] = [
+const PURE: [&str; 22] = [
     "proto/src/geom/",
     "proto/src/wire/",
     "proto/src/ids.rs",
@@ -30,6 +30,8 @@ const PURE: [&str; 20] = [
     "fusion-center/src/registration/",
     "fusion-center/src/network/",
     "fusion-center/src/simulate",
+    "fusion-center/src/statistics.rs",
+    "fusion-center/src/usable.rs",
     "fusion-center/src/pipeline/",
     "fusion-center/src/fuse.rs",
 ];
