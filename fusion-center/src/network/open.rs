@@ -118,4 +118,6 @@ fn show_doubtful(groups: &mut [Group], of_all: &[Group]) {
 }
 
 #[cfg(test)]
+mod scene_tests;
+#[cfg(test)]
 mod tests;

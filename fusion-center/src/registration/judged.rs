@@ -82,8 +82,9 @@ impl<'a> Case<'a> {
     }
 
     /// Whether the points tell more of every unknown than was known before. A swarm's best pose of
-    /// a sector often meets one point only, with any heading; the odds of such a ridge, by the
-    /// volume of a peak that it has not, are those of a good pose.
+    /// a sector often meets no point at all: tails of far ones hold it, with a covariance of many
+    /// metres, and the odds of such a plain, by the volume of a peak that it is not, are those of a
+    /// good pose.
     fn is_fixed(&self, mode: &Mode) -> bool {
         let position = mode.covariance.fixed_view::<2, 2>(0, 0).into_owned();
         let (sigma_m, _, _) = principal_axes(&position);

@@ -144,19 +144,17 @@ fn a_pose_beside_a_better_one_is_refused() {
 }
 
 #[test]
-fn a_pose_that_meets_one_point_whatever_its_heading_is_no_rival() {
+fn a_pose_that_hardly_meets_a_point_is_no_rival() {
     let mut free_count = 0;
     for seed in 31_000..31_010 {
         let case = trial(&Conditions::MISSES, seed);
         let data = Prepared::new(&case.problem);
         let found = likely_motions(&case.problem)[0];
-        // One point of each side laid upon the other, at all headings.
-        let others: Vec<Motion> = (0..36)
-            .map(|sector| {
-                let turn = Motion::new(0.0, 0.0, f64::from(sector) * 0.1745);
-                let (point, node) = (&data.refs[0], &data.nodes[data.nodes.len() - 1]);
-                let (x, y) = turn.turned(node.x, node.y);
-                Motion { x: point.x - x, y: point.y - y, ..turn }
+        // Poses all over the room, most of which carry no point upon another.
+        let others: Vec<Motion> = (0..200)
+            .map(|index| {
+                let (row, column) = (f64::from(index / 20), f64::from(index % 20));
+                Motion::new(2.0 * row - 10.0, column - 10.0, 0.7 * f64::from(index))
             })
             .collect();
         let decision = DecisionConfig::default();
@@ -167,5 +165,6 @@ fn a_pose_that_meets_one_point_whatever_its_heading_is_no_rival() {
         let solution = judged.judge(&found, &others, |_| None);
         assert_eq!(solution.outcome, Outcome::Determined, "{seed}: {:?}", solution.evidence);
     }
+    println!("{free_count} poses free");
     assert!(free_count > 20, "{free_count}: nothing was tried");
 }
