@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::Context;
+use anyhow::{Context, bail, ensure};
 use clap::{Parser, Subcommand, ValueEnum};
 use proto::config::{load, with_settings};
 use proto::ids::{NodeId, SiteId};
@@ -16,6 +16,9 @@ use crate::{offline, service};
 use operate::{Operation, operate};
 
 mod operate;
+
+/// What the configuration takes as a period.
+const PERIODS_S: [f64; 2] = [1e-3, 60.0];
 
 /// Gathers the point sets of all nodes, works out where the nodes stand, and publishes the
 /// transforms and one fused picture.
@@ -47,7 +50,7 @@ struct Flags {
     #[arg(long, value_name = "ENDPOINT", global = true)]
     connect: Vec<String>,
     /// Length of one detection period in seconds.
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     period_s: Option<f64>,
     /// Solver to register with.
     #[arg(long, value_enum, global = true)]
@@ -100,11 +103,11 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
         match arguments.action {
             None => service::run(config, stop).await,
-            Some(Action::Operate(operation)) => operate(config, operation.command()).await,
+            Some(Action::Operate(operation)) => operate(config, operation.command()?, &stop).await,
             Some(Action::Register { input, figures, json }) => {
                 let reference = arguments.flags.reference;
                 let options = offline::Options { input, reference, json, figures };
-                offline::register(&options, build(&config.solver).as_ref(), &stop)
+                offline::register(options, build(&config.solver).into(), &stop).await
             }
         }
     })
@@ -113,6 +116,45 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
 impl process::HasFlags for Arguments {
     fn process_flags(&self) -> &process::Flags {
         &self.flags.process
+    }
+}
+
+impl Flags {
+    /// Refuses flags with values that make no sense, and those without effect on `action`: whoever
+    /// gives one expects something of it.
+    fn check(&self, action: Option<&Action>) -> anyhow::Result<()> {
+        let endpoints = [("--listen", &self.listen), ("--connect", &self.connect)];
+        for (flag, endpoint) in
+            endpoints.iter().flat_map(|(f, all)| all.iter().map(move |e| (f, e)))
+        {
+            ensure!(
+                endpoint.starts_with("tcp/"),
+                "{flag} {endpoint:?} is not of the form tcp/HOST:PORT"
+            );
+        }
+        if let Some(period_s) = self.period_s {
+            let [least, most] = PERIODS_S;
+            ensure!(
+                (least..=most).contains(&period_s),
+                "--period-s is {period_s}: use {least} to {most} seconds"
+            );
+        }
+        let what = match action {
+            None => return Ok(()),
+            Some(Action::Operate(_)) => "a command to a running centre",
+            Some(Action::Register { .. }) => "register, which works on files",
+        };
+        let is_register = matches!(action, Some(Action::Register { .. }));
+        let useless = [
+            ("--site", is_register && self.site.is_some()),
+            ("--connect", is_register && !self.connect.is_empty()),
+            ("--listen", is_register && !self.listen.is_empty()),
+            ("--reference", !is_register && self.reference.is_some()),
+            ("--solver", !is_register && self.solver.is_some()),
+            ("--period-s", self.period_s.is_some()),
+        ];
+        let given = useless.iter().find(|(_, is_given)| *is_given);
+        given.map_or(Ok(()), |(flag, _)| bail!("{flag} has no effect on {what}: leave it out"))
     }
 }
 
@@ -138,9 +180,44 @@ impl Arguments {
             Some(SolverFlag::Graph) => SolverKind::Graph,
             Some(SolverFlag::L2) => SolverKind::L2,
         };
+        self.flags.check(self.action.as_ref())?;
         let origin =
             self.config.as_deref().map_or("command line".into(), |path| path.display().to_string());
         config.check().with_context(|| format!("configuration ({origin})"))?;
         Ok(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn complaint(words: &str) -> String {
+        let words = std::iter::once("fusion-center").chain(words.split_whitespace());
+        let arguments = Arguments::try_parse_from(words).unwrap();
+        arguments.configuration().err().map_or_else(String::new, |error| format!("{error:#}"))
+    }
+
+    #[test]
+    fn flags_that_make_no_sense_are_named_with_their_remedy() {
+        for (words, said) in [
+            ("--period-s -1", "--period-s is -1: use 0.001 to 60"),
+            ("--period-s nan", "--period-s is NaN"),
+            ("--listen 7447", "--listen \"7447\" is not of the form tcp/HOST:PORT"),
+            ("--connect udp/x:1", "--connect \"udp/x:1\" is not"),
+            ("--set gather.place_m=0", "gather.place_m is 0: use 0.05 to 100"),
+            ("--set gather.place_m", "write KEY=VALUE"),
+            ("register x --site here", "--site has no effect on register"),
+            ("register x --connect tcp/a:1", "--connect has no effect on register"),
+            ("--listen tcp/a:1 register x", "--listen has no effect on register"),
+            ("--period-s 1 register x", "--period-s has no effect on register"),
+            ("recalibrate --solver l2", "--solver has no effect on a command"),
+            ("unpin --node n2 --reference n2", "--reference has no effect on a command"),
+        ] {
+            assert!(complaint(words).contains(said), "{words}: {}", complaint(words));
+        }
+        for words in ["", "register x --solver l2", "pin --node n2 --site s --connect tcp/a:1"] {
+            assert_eq!(complaint(words), "", "{words}");
+        }
     }
 }

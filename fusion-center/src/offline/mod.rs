@@ -8,6 +8,8 @@
 mod answer;
 mod draw;
 mod input;
+mod lines;
+mod output;
 mod run;
 
 pub use answer::Answer;

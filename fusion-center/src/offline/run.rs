@@ -1,35 +1,26 @@
 //! From an input to answers: problems in parallel, answers in order.
 
-use std::collections::BTreeSet;
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Write};
-use std::path::{Path, PathBuf};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::{Context, bail};
-use indicatif::{ProgressBar, ProgressStyle};
 use proto::geom::{Node, Point};
 use proto::ids::NodeId;
 use proto::process;
-use rayon::prelude::*;
-use serde::Serialize;
+use tokio::runtime::Handle;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
 
 use super::Answer;
 use super::draw::{COLORS, Layer, picture};
 use super::input::{Asked, points_of, read_folder, read_problem};
+use super::lines::{Line, Lines};
+use super::output::{Answered, Drawn, Failed, Output, shown};
 use crate::network::{SiteProblem, SiteSolution, solve_site};
 use crate::registration::{Known, Problem, Solution, Solver};
 use crate::service::Clock;
-
-/// Problems read ahead: enough to keep all cores busy, few enough to hold.
-const BATCH_COUNT: usize = 256;
-/// Longest part of a problem's name in that of a file.
-const LONGEST_NAME: usize = 100;
-/// A batch ends early at this size, bytes.
-const BATCH_BYTES: usize = 1 << 24;
-/// Longest line, bytes: a thousand nodes with a thousand periods of several points.
-const MAX_LINE_BYTES: u64 = 1 << 30;
 
 /// What is asked for.
 #[derive(Clone, Debug)]
@@ -44,85 +35,156 @@ pub struct Options {
     pub figures: Option<PathBuf>,
 }
 
-/// A line without an answer.
-#[derive(Serialize)]
-struct Failed {
-    line: u64,
-    error: String,
-}
-
-/// One line of the input.
-struct Line {
-    number: u64,
-    text: String,
-}
-
-/// An answer with its pictures, by part.
-struct Drawn {
-    answer: Answer,
-    pictures: Vec<(&'static str, String)>,
-}
-
-type Answered = Result<Drawn, Failed>;
-
-/// Registers every problem of the input and prints the answers.
+/// Registers every problem of the input and prints the answers, each as soon as it and all before it
+/// are there.
 ///
 /// # Errors
-/// If the input cannot be read, or in the end if any line had to be left out.
-pub fn register(
-    options: &Options,
-    solver: &dyn Solver,
+/// If the input cannot be read, if `stop` was called before its end, or in the end if any line had to
+/// be left out. Answers that were complete by then are printed.
+pub async fn register(
+    options: Options,
+    solver: Arc<dyn Solver>,
     stop: &CancellationToken,
 ) -> anyhow::Result<()> {
     if let Some(folder) = &options.figures {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("creating --figures {}", folder.display()))?;
     }
-    let figures = options.figures.clone();
-    let mut output = Output { json: options.json, figures, ..Output::default() };
-    if options.input.is_dir() {
-        let asked = read_folder(&options.input, options.reference.clone())?;
-        output.take(&[Ok(answer(options, solver, asked)?)])?;
+    let mut output = Output::new(&options);
+    let name = options.input.display().to_string();
+    let task = Arc::new(Task { options, solver, name });
+    if task.options.input.is_dir() {
+        let work = tokio::task::spawn_blocking(move || of_folder(&task));
+        let drawn = tokio::select! {
+            () = stop.cancelled() => bail!("stopped before the answer"),
+            drawn = work => drawn.context("registering a folder")??,
+        };
+        output.take(&[Ok(drawn)])?;
         return output.finish();
     }
-    if options.reference.is_some() {
+    if task.options.reference.is_some() {
         bail!("--reference is for a folder: in JSON Lines every problem names its own");
     }
-    let mut lines = Lines::open(&options.input)?;
-    let name = options.input.display().to_string();
-    while !stop.is_cancelled() {
-        let batch = lines.batch()?;
-        if batch.is_empty() {
-            break;
-        }
-        let answers: Vec<Answered> =
-            batch.par_iter().map(|line| of_line(options, solver, &name, line)).collect();
+    let result = follow(&task, &mut output, stop).await;
+    // What is complete is kept, whatever ended the input.
+    let finished = output.finish();
+    result.and(finished)
+}
+
+/// What the threads share.
+struct Task {
+    options: Options,
+    solver: Arc<dyn Solver>,
+    name: String,
+}
+
+/// The answer to one line, by its place among the lines.
+struct Done {
+    index: u64,
+    byte_count: u64,
+    answered: Answered,
+    /// Room for another line, once this answer is out.
+    _room: OwnedSemaphorePermit,
+}
+
+/// Takes answers in their order until the input ends or `stop` is called. Reading and solving go on
+/// beside it: neither a slow solver nor an input that stays open keeps the program from ending.
+async fn follow(
+    task: &Arc<Task>,
+    output: &mut Output,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    let lines = Lines::open(&task.options.input)?;
+    let bar = lines.bar();
+    // Bounded by the room that each answer holds.
+    let (sender, mut done) = mpsc::unbounded_channel();
+    let (shared, runtime) = (Arc::clone(task), Handle::current());
+    let reading = tokio::task::spawn_blocking(move || read_all(&shared, lines, &runtime, &sender));
+    let mut order = InOrder::default();
+    loop {
+        let first = tokio::select! {
+            biased;
+            () = stop.cancelled() => {
+                bar.finish_and_clear();
+                bail!("stopped before the end of {}: the answers so far are complete", task.name);
+            }
+            first = done.recv() => first,
+        };
+        let Some(first) = first else { break };
+        order.take(std::iter::once(first).chain(std::iter::from_fn(|| done.try_recv().ok())));
+        let (answers, byte_count) = order.ready();
+        bar.inc(byte_count);
+        bar.set_message(format!("{} problems", order.next_index));
         output.take(&answers)?;
     }
-    lines.bar.finish_and_clear();
-    output.finish()?;
-    if stop.is_cancelled() {
-        bail!(
-            "stopped before the end of {}: the answers so far are complete",
-            options.input.display()
-        );
+    bar.finish_and_clear();
+    reading.await.context("reading the input")?
+}
+
+/// Reads all lines and hands each to the workers as soon as there is room for it.
+fn read_all(
+    task: &Arc<Task>,
+    mut lines: Lines,
+    runtime: &Handle,
+    done: &mpsc::UnboundedSender<Done>,
+) -> anyhow::Result<()> {
+    let rooms = Arc::new(Semaphore::new(Line::ROOM as usize));
+    let mut index = 0;
+    while let Some(line) = lines.next_filled()? {
+        let room = runtime.block_on(Arc::clone(&rooms).acquire_many_owned(line.room()))?;
+        let (shared, sender) = (Arc::clone(task), done.clone());
+        rayon::spawn(move || {
+            let (byte_count, answered) = (line.byte_count, of_line(&shared, &line));
+            // Nobody takes it once the program ends.
+            drop(sender.send(Done { index, byte_count, answered, _room: room }));
+        });
+        index += 1;
     }
     Ok(())
 }
 
-fn of_line(options: &Options, solver: &dyn Solver, name: &str, line: &Line) -> Answered {
+/// Answers that wait for those before them.
+#[derive(Default)]
+struct InOrder {
+    waiting: BTreeMap<u64, Done>,
+    next_index: u64,
+}
+
+impl InOrder {
+    fn take(&mut self, arrived: impl Iterator<Item = Done>) {
+        self.waiting.extend(arrived.map(|one| (one.index, one)));
+    }
+
+    /// The answers whose turn it is, and how many bytes of the input they are about.
+    fn ready(&mut self) -> (Vec<Answered>, u64) {
+        let (mut answers, mut byte_count) = (Vec::new(), 0);
+        while let Some(one) = self.waiting.remove(&self.next_index) {
+            byte_count += one.byte_count;
+            answers.push(one.answered);
+            self.next_index += 1;
+        }
+        (answers, byte_count)
+    }
+}
+
+fn of_folder(task: &Task) -> anyhow::Result<Drawn> {
+    let Options { input, reference, .. } = &task.options;
+    answer(task, read_folder(input, reference.clone())?)
+}
+
+fn of_line(task: &Task, line: &Line) -> Answered {
     let number = line.number;
-    let place = format!("{name}, line {number}");
+    let place = format!("{}, line {number}", task.name);
     let asked = read_problem(&place, &line.text).map_err(anyhow::Error::from);
-    let answered = asked.and_then(|asked| answer(options, solver, asked));
+    let answered = asked.and_then(|asked| answer(task, asked));
     answered.map_err(|error| Failed { line: number, error: process::explained(&error) })
 }
 
-fn answer(options: &Options, solver: &dyn Solver, asked: Asked) -> anyhow::Result<Drawn> {
-    let timed = Timed { solver, total_ns: AtomicU64::new(0) };
+fn answer(task: &Task, asked: Asked) -> anyhow::Result<Drawn> {
+    let timed = Timed { solver: task.solver.as_ref(), total_ns: AtomicU64::new(0) };
     let solution = solve_site(&asked.problem, &timed);
     let solve_us = timed.total_ns.into_inner() as f64 * 1e-3;
-    let is_wanted = options.figures.is_some();
+    let is_wanted = task.options.figures.is_some();
     let pictures = if is_wanted { pictures(&asked, &solution)? } else { Vec::new() };
     Ok(Drawn { answer: Answer::new(asked, &solution, solve_us), pictures })
 }
@@ -149,133 +211,6 @@ impl Solver for Timed<'_> {
     }
 }
 
-/// Lines of the input with progress.
-struct Lines {
-    input: Box<dyn BufRead>,
-    path: PathBuf,
-    next_number: u64,
-    bar: ProgressBar,
-}
-
-impl Lines {
-    fn open(path: &Path) -> anyhow::Result<Self> {
-        let (input, length): (Box<dyn BufRead>, Option<u64>) = if path == Path::new("-") {
-            (Box::new(BufReader::new(std::io::stdin())), None)
-        } else {
-            let file = File::open(path).with_context(|| format!("reading {}", path.display()))?;
-            let length = file.metadata().ok().map(|about| about.len());
-            (Box::new(BufReader::new(file)), length)
-        };
-        let template = "{bar:24} {bytes}/{total_bytes}, {eta} left, {msg}";
-        let style = ProgressStyle::with_template(template);
-        let bar = length.map_or_else(ProgressBar::no_length, ProgressBar::new);
-        let bar = bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Ok(Self { input, path: path.to_owned(), next_number: 1, bar })
-    }
-
-    /// The next lines that are not blank.
-    fn batch(&mut self) -> anyhow::Result<Vec<Line>> {
-        let mut batch = Vec::new();
-        let mut byte_count = 0;
-        while batch.len() < BATCH_COUNT && byte_count < BATCH_BYTES {
-            let Some(line) = self.line()? else { break };
-            byte_count += line.text.len();
-            if !line.text.trim().is_empty() {
-                batch.push(line);
-            }
-        }
-        self.bar.set_message(format!("{} problems", self.next_number - 1));
-        Ok(batch)
-    }
-
-    fn line(&mut self) -> anyhow::Result<Option<Line>> {
-        let number = self.next_number;
-        let place = || format!("{}, line {number}", self.path.display());
-        let mut text = Vec::new();
-        let read = self.input.by_ref().take(MAX_LINE_BYTES).read_until(b'\n', &mut text);
-        let count = read.with_context(place)?;
-        if count as u64 == MAX_LINE_BYTES {
-            bail!("{}: longer than {MAX_LINE_BYTES} bytes: is this a file of JSON Lines?", place());
-        }
-        self.next_number += 1;
-        self.bar.inc(count as u64);
-        // What is no UTF-8 is no JSON either, and the parser says where.
-        let text = String::from_utf8_lossy(&text).into_owned();
-        Ok((0 < count).then_some(Line { number, text }))
-    }
-}
-
-/// Prints answers as they come, or a table at the end.
-#[derive(Default)]
-struct Output {
-    json: bool,
-    figures: Option<PathBuf>,
-    file_names: BTreeSet<String>,
-    rows: Vec<Vec<String>>,
-    failed: Vec<String>,
-    undrawn: Vec<String>,
-    count: usize,
-}
-
-impl Output {
-    fn take(&mut self, answers: &[Answered]) -> anyhow::Result<()> {
-        self.count += answers.len();
-        let mut text = Vec::new();
-        for answered in answers {
-            if self.json {
-                match answered {
-                    Ok(drawn) => serde_json::to_writer(&mut text, &drawn.answer)?,
-                    Err(failed) => serde_json::to_writer(&mut text, failed)?,
-                }
-                text.write_all(b"\n")?;
-            } else if let Ok(Drawn { answer, .. }) = answered {
-                self.rows.extend(answer.rows());
-                answer.warn();
-            }
-            self.draw(answered);
-        }
-        let errors = answers.iter().filter_map(|answered| answered.as_ref().err());
-        self.failed.extend(errors.map(|failed| failed.error.clone()));
-        process::print(&String::from_utf8_lossy(&text))
-    }
-
-    /// Writes the pictures of an answer; one that cannot be written costs that picture only.
-    fn draw(&mut self, answered: &Answered) {
-        let (Some(folder), Ok(Drawn { answer, pictures })) = (&self.figures, answered) else {
-            return;
-        };
-        let name = file_name(&answer.id, &mut self.file_names);
-        for (part, svg) in pictures {
-            let path = folder.join(format!("{name}.{part}.svg"));
-            if let Err(error) = std::fs::write(&path, svg) {
-                self.undrawn.push(format!("writing {}: {error}", path.display()));
-            }
-        }
-    }
-
-    fn finish(self) -> anyhow::Result<()> {
-        if !self.json {
-            let mut table = comfy_table::Table::new();
-            table.load_style(comfy_table::presets::UTF8_HORIZONTAL_ONLY);
-            table.set_header(["problem", "node", "x y heading", "σ", "matched", "outcome"]);
-            table.add_rows(self.rows);
-            process::print(&format!("{table}\n"))?;
-        }
-        if self.count == 0 {
-            bail!("the input holds no problem: one JSON object per line is expected");
-        }
-        if let (Some(first), true) = (self.undrawn.first(), self.failed.is_empty()) {
-            bail!("{} pictures could not be written; the first: {first}", self.undrawn.len());
-        }
-        let Some(first) = self.failed.first() else { return Ok(()) };
-        bail!(
-            "{} of {} problems could not be read; the first: {first}",
-            self.failed.len(),
-            self.count
-        )
-    }
-}
-
 /// Part `before`: every node's points in its own frame; part `after`: those of the nodes that were
 /// registered, in the reference's.
 fn pictures(asked: &Asked, solution: &SiteSolution) -> anyhow::Result<Vec<(&'static str, String)>> {
@@ -287,23 +222,6 @@ fn pictures(asked: &Asked, solution: &SiteSolution) -> anyhow::Result<Vec<(&'sta
         Ok((part, svg))
     };
     parts.into_iter().map(draw).collect()
-}
-
-fn shown(id: &serde_json::Value) -> String {
-    id.as_str().map_or_else(|| id.to_string(), ToOwned::to_owned)
-}
-
-/// A file name for a problem: its id without what file systems dislike, numbered where two are alike.
-fn file_name(id: &serde_json::Value, used: &mut BTreeSet<String>) -> String {
-    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
-    let id = shown(id);
-    let plain = id.chars().map(|c| if is_plain(c) { c } else { '_' });
-    let name: String = plain.take(LONGEST_NAME).collect();
-    let numbered = (2_u64..).map(|number| format!("{name}-{number}"));
-    let free = std::iter::once(name.clone()).chain(numbered).find(|name| !used.contains(name));
-    let free = free.unwrap_or(name);
-    used.insert(free.clone());
-    free
 }
 
 fn before(problem: &SiteProblem) -> Vec<Layer> {

@@ -20,10 +20,14 @@ impl Centre {
                 .known(node)
                 .and_then(|()| self.poses.pin(now, node, pose.as_ref()))
                 .inspect(|_| self.on_operator(node)),
-            Command::Unpin { node } => self.poses.unpin(node).inspect(|_| self.on_operator(node)),
-            Command::Rollback { node } => {
-                self.poses.rollback(now, node).inspect(|_| self.on_operator(node))
-            }
+            Command::Unpin { node } => self
+                .known(node)
+                .and_then(|()| self.poses.unpin(node))
+                .inspect(|_| self.on_operator(node)),
+            Command::Rollback { node } => self
+                .known(node)
+                .and_then(|()| self.poses.rollback(now, node))
+                .inspect(|_| self.on_operator(node)),
         };
         match &result {
             Ok(text) => info!(command = ?command.body, text, "operator"),
@@ -44,8 +48,10 @@ impl Centre {
         if self.gather.node(node).is_some() || self.poses.transform(node).is_some() {
             return Ok(());
         }
-        let known = joined(self.gather.nodes().map(|(id, _)| id));
-        Err(format!("there is no node {node}; known are: {known}"))
+        let restored = self.poses.standings().keys();
+        let known: BTreeSet<&NodeId> =
+            self.gather.nodes().map(|(id, _)| id).chain(restored).collect();
+        Err(format!("there is no node {node}; known are: {}", joined(known.into_iter())))
     }
 
     /// An operator changed a node's transform.

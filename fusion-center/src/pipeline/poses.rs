@@ -43,7 +43,7 @@ pub(super) struct Standing {
     pub(super) next_epoch: u64,
     pub(super) is_pinned: bool,
     /// It was pinned before the reference was registered anew: the pose is in no frame of now.
-    is_outdated: bool,
+    pub(super) is_outdated: bool,
     suspicion: Option<Suspicion>,
     situation: Situation,
     /// Results that contradicted the pose in force and were not accepted.

@@ -71,6 +71,9 @@ struct File {
 struct Line {
     next_epoch: u64,
     is_pinned: bool,
+    /// Of a pin from before the reference was registered anew.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    is_outdated: bool,
     /// The transform in force last, those before it in their order.
     #[serde(default)]
     transforms: Vec<TransformLine>,
@@ -99,8 +102,8 @@ pub(super) fn written(
     };
     let line = |(node, standing): (&NodeId, &Standing)| {
         let kept = standing.history.iter().chain(&standing.in_force).map(transform);
-        let Standing { next_epoch, is_pinned, .. } = *standing;
-        (node.clone(), Line { next_epoch, is_pinned, transforms: kept.collect() })
+        let Standing { next_epoch, is_pinned, is_outdated, .. } = *standing;
+        (node.clone(), Line { next_epoch, is_pinned, is_outdated, transforms: kept.collect() })
     };
     let file = File {
         schema: SCHEMA,
@@ -131,7 +134,7 @@ pub(super) fn read(
 }
 
 fn standing(node: &NodeId, line: Line) -> Result<Standing, UnusableState> {
-    let Line { next_epoch, is_pinned, transforms } = line;
+    let Line { next_epoch, is_pinned, is_outdated, transforms } = line;
     let mut kept = transforms
         .iter()
         .map(|transform| checked(node, transform, next_epoch))
@@ -144,6 +147,7 @@ fn standing(node: &NodeId, line: Line) -> Result<Standing, UnusableState> {
     let mut standing = Standing::default();
     (standing.in_force, standing.history) = (in_force, kept);
     (standing.next_epoch, standing.is_pinned) = (next_epoch, is_pinned);
+    standing.is_outdated = is_pinned && is_outdated;
     Ok(standing)
 }
 

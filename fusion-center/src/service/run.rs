@@ -88,6 +88,7 @@ fn restore(config: &CentreConfig, centre: &mut Centre) -> anyhow::Result<()> {
     if config.state.path.is_empty() {
         return Ok(());
     }
+    state::check_writable(path)?;
     let Some(text) = state::read(path)? else { return Ok(()) };
     centre.restore(&text).with_context(|| format!("state file {}", path.display()))
 }

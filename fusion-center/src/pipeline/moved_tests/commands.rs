@@ -7,6 +7,10 @@ fn a_pinned_node_keeps_its_transform_and_says_so() {
     let mut site = Site::new(6, 3, around());
     let unknown = site.command(&Command::Pin { node: id("n7"), pose: None });
     assert!(!unknown.is_done && unknown.text.contains("no node n7"), "{unknown:?}");
+    for command in [Command::Unpin { node: id("n7") }, Command::Rollback { node: id("n7") }] {
+        let answer = site.command(&command);
+        assert!(!answer.is_done && answer.text.contains("no node n7; known are: "), "{answer:?}");
+    }
     site.steps(40);
     let pose_ref_from_node = PoseRecord { x_m: 1.0, y_m: 2.0, heading_rad: 0.5 };
     let stated = StatedPose { pose_ref_from_node, sigma_m: 0.02, sigma_rad: 0.01 };

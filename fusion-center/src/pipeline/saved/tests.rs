@@ -41,6 +41,26 @@ fn transforms_epochs_and_pins_are_kept() {
 }
 
 #[test]
+fn a_pin_that_the_reference_has_outdated_stays_so() {
+    let mut poses = Poses::new(id("n1"));
+    let pose_ref_from_node = PoseRecord { x_m: 1.0, y_m: 2.0, heading_rad: 0.5 };
+    let stated = StatedPose { pose_ref_from_node, sigma_m: 0.02, sigma_rad: 0.01 };
+    poses.pin(CentreTime(1), &id("n2"), Some(&stated)).unwrap();
+    let restored = |former: &Poses| {
+        let mut restarted = Poses::new(id("n1"));
+        let standings = read(&config(), &written(&config(), former.standings()).unwrap());
+        restarted.restore(standings.unwrap());
+        restarted
+    };
+    assert_eq!(restored(&poses).pins().len(), 1);
+    assert_eq!(poses.outdate_pins(), [id("n2")]);
+    let mut next = restored(&poses);
+    assert!(next.is_pinned(&id("n2")) && next.pins().is_empty());
+    next.pin(CentreTime(2), &id("n2"), None).unwrap();
+    assert_eq!(restored(&next).pins().len(), 1, "the operator said again what holds");
+}
+
+#[test]
 fn each_damage_has_its_reason() {
     let refusal = |from: &str, to: &str| {
         let good = text();
