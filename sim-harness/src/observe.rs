@@ -84,7 +84,13 @@ impl Seen {
             (_, Some(sets)) => status.next_sequence <= sets.last_sequence + 1,
             (_, None) => false,
         };
-        status.next_sequence <= line.next_sequence && line.missing_count == 0 && solved
+        // The picture's lines come up to a second later.
+        let in_force = registration.transform.map(|transform| transform.epoch);
+        let is_doubted = line.state == NodeState::Suspect;
+        let is_told = line.state != NodeState::ClockUnknown
+            && line.epoch == in_force
+            && is_doubted == registration.suspicion.is_some();
+        status.next_sequence <= line.next_sequence && line.missing_count == 0 && solved && is_told
     }
 
     pub(crate) fn is_silent(&self) -> bool {

@@ -125,19 +125,9 @@ fn row(node: &NodeScore) -> Vec<String> {
         format!("{:.3} m, {:.3} m, {:.2}°", s.x_m, s.y_m, s.heading_deg)
     });
     let solve = if node.is_reference { String::new() } else { format!("{:.2} ms", node.solve_ms) };
-    let mut outcome = node.outcome.clone();
-    if let Some(missing) = &node.missing {
-        outcome = format!("{outcome}: {missing}");
-    }
-    if let Some(state) = node.state.as_deref().filter(|state| *state != "live") {
-        outcome = format!("{outcome} ({state})");
-    }
-    if !node.within_bounds {
-        outcome = format!("{outcome} OUT OF BOUNDS");
-    }
     let estimated = node.pose_ref_from_node.as_ref().map_or_else(|| "none".to_owned(), pose);
-    let periods = node.periods_used.to_string();
-    vec![node.node.to_string(), estimated, pose(&node.truth), error, sigma, periods, solve, outcome]
+    let (periods, verdict) = (node.periods_used.to_string(), node.verdict());
+    vec![node.node.to_string(), estimated, pose(&node.truth), error, sigma, periods, solve, verdict]
 }
 
 /// One node's points of all periods, in its own frame, as its agent wrote them.

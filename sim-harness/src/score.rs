@@ -59,10 +59,14 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
     let pose: Option<Se2<Ref, Node>> = transform.map(|t| t.pose_ref_from_node.into());
     let errors = pose.map(|pose| errors(&pose, &truth));
     let bounds = scenario.bounds.of(&node.id);
-    let within_bounds = errors.map_or(bounds.is_optional, |errors| {
+    let is_near = |errors: Errors| {
         let angle_deg = errors.angle_rad.abs().to_degrees();
         errors.position_m <= bounds.position_m && angle_deg <= bounds.angle_deg
-    });
+    };
+    // A pose that its own centre doubts, or of a node that it does not hear, is no result.
+    let is_live = seen.line.as_ref().is_some_and(|line| line.state == NodeState::Live);
+    let within_bounds =
+        errors.is_none_or(is_near) && ((errors.is_some() && is_live) || bounds.is_optional);
     let evidence = registration.map_or_else(Evidence::default, |r| r.evidence);
     let covariance = transform.filter(|_| !is_reference).map(|t| t.covariance_matrix());
     let sigma = covariance.map(|matrix| Sigma {
@@ -103,9 +107,25 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
 }
 
 impl NodeScore {
-    /// Whether it is a node other than the reference with a pose.
+    /// Whether it is a node other than the reference with a pose that nobody doubts.
     pub(crate) fn is_registered(&self) -> bool {
-        !self.is_reference && self.pose_ref_from_node.is_some()
+        let is_live = self.state.as_deref() == Some(state(NodeState::Live));
+        !self.is_reference && self.pose_ref_from_node.is_some() && is_live
+    }
+
+    /// What is known of it, for people: the state comes first where it is not all well.
+    pub(crate) fn verdict(&self) -> String {
+        let missing = self.missing.as_ref().map_or_else(String::new, |text| format!(": {text}"));
+        let found = format!("{}{missing}", self.outcome);
+        let live = state(NodeState::Live);
+        let mut verdict = match self.state.as_deref().filter(|state| *state != live) {
+            Some(state) => format!("{state}; newest solve: {found}"),
+            None => found,
+        };
+        if !self.within_bounds {
+            verdict.push_str(" OUT OF BOUNDS");
+        }
+        verdict
     }
 
     /// A node that was lost on the way had no chance to reach the bounds: it is not held against
@@ -161,5 +181,95 @@ fn state(state: NodeState) -> &'static str {
         NodeState::ClockUnknown => "clock unknown",
         NodeState::Silent => "silent",
         NodeState::Suspect => "suspect",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proto::ids::BootId;
+    use proto::time::CentreTime;
+    use proto::wire::{NodeInPicture, Registration, Transform};
+
+    use super::*;
+    use crate::scenario::find;
+
+    /// A run's end: the second node of the paper, `off_m` from its true place.
+    fn ended(scenario: &Scenario, off_m: f64, node_state: NodeState) -> Seen {
+        let node = scenario.nodes.iter().find(|node| node.id != scenario.reference).unwrap();
+        let truth = scenario.truth(node);
+        let at = truth.translation_m();
+        let (x_m, y_m, heading_rad) = (at.x + off_m, at.y, truth.heading_rad());
+        let pose_ref_from_node = PoseRecord { x_m, y_m, heading_rad };
+        let covariance = [[1e-4, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-4]];
+        let accepted = CentreTime(0);
+        let transform = Transform { epoch: 0, accepted, pose_ref_from_node, covariance };
+        let registration = Registration {
+            node: node.id.clone(),
+            reference: scenario.reference.clone(),
+            published: CentreTime(0),
+            transform: Some(transform),
+            outcome: Outcome::Determined,
+            evidence: Evidence::default(),
+            sets: None,
+            solver: "default".to_owned(),
+            via: Vec::new(),
+            suspicion: None,
+            is_pinned: false,
+        };
+        let line = NodeInPicture {
+            node: node.id.clone(),
+            state: node_state,
+            silent_ms: 0,
+            boot: BootId::random(),
+            next_sequence: 8,
+            received_count: 8,
+            missing_count: 0,
+            duplicate_count: 0,
+            late_count: 0,
+            refused_count: 0,
+            epoch: Some(0),
+            is_pinned: false,
+        };
+        Seen { status: None, registration: Some(registration), line: Some(line) }
+    }
+
+    #[test]
+    fn only_a_node_that_is_live_at_the_end_is_right() {
+        let scenario = find("paper").unwrap().resolve().unwrap();
+        let node = scenario.nodes.iter().find(|node| node.id != scenario.reference).unwrap();
+        let judged =
+            |off_m, node_state| score(&scenario, node, &ended(&scenario, off_m, node_state));
+        let good = judged(0.01, NodeState::Live);
+        assert!(good.within_bounds && good.is_registered());
+        assert_eq!(good.verdict(), "determined");
+        for (node_state, named) in [
+            (NodeState::Unregistered, "unregistered; newest solve: determined OUT OF BOUNDS"),
+            (NodeState::Suspect, "suspect; newest solve: determined OUT OF BOUNDS"),
+            (NodeState::Silent, "silent; newest solve: determined OUT OF BOUNDS"),
+            (NodeState::ClockUnknown, "clock unknown; newest solve: determined OUT OF BOUNDS"),
+        ] {
+            let bad = judged(0.01, node_state);
+            assert!(!bad.within_bounds && !bad.is_registered(), "{named}");
+            assert_eq!(bad.verdict(), named);
+        }
+        let far = judged(1.0, NodeState::Live);
+        assert!(!far.within_bounds && far.verdict().ends_with("OUT OF BOUNDS"));
+        let unseen = score(&scenario, node, &Seen::default());
+        assert!(!unseen.within_bounds && !unseen.is_registered());
+    }
+
+    #[test]
+    fn a_node_that_need_not_be_registered_may_be_lost_but_not_wrong() {
+        let mut scenario = find("paper").unwrap().resolve().unwrap();
+        let node =
+            scenario.nodes.iter().find(|node| node.id != scenario.reference).unwrap().clone();
+        let mut own = scenario.bounds.of(&node.id);
+        own.is_optional = true;
+        scenario.bounds.node.insert(node.id.clone(), own);
+        let is_within = |seen: &Seen| score(&scenario, &node, seen).within_bounds;
+        assert!(is_within(&Seen::default()));
+        assert!(is_within(&ended(&scenario, 0.01, NodeState::Silent)));
+        assert!(!is_within(&ended(&scenario, 1.0, NodeState::Silent)));
+        assert!(!is_within(&ended(&scenario, 1.0, NodeState::Live)));
     }
 }

@@ -7,8 +7,8 @@ use proto::geom::{Node, Ref, Se2};
 use proto::ids::NodeId;
 use serde::Serialize;
 
-use super::Asked;
-use crate::network::{Edge, Group, Placed, SiteSolution, Standing, inverse};
+use super::{Asked, ClockJson};
+use crate::network::{Edge, Group, Placed, SiteProblem, SiteSolution, Standing, inverse};
 use crate::registration::{Evidence, Outcome, PoseEstimate, Rival, Solution};
 
 /// The answer to one problem.
@@ -56,6 +56,9 @@ pub struct NodeAnswer {
     /// reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub evidence: Option<EvidenceJson>,
+    /// The clocks of the same two nodes, where they seem to differ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clock: Option<ClockJson>,
     /// Time of all pairs of nodes together, microseconds.
     pub solve_us: f64,
 }
@@ -138,15 +141,16 @@ impl Answer {
     /// The answer that `solution` holds.
     #[must_use]
     pub fn new(asked: Asked, solution: &SiteSolution, solve_us: f64) -> Self {
-        let Asked { id, problem, warnings } = asked;
-        let reference = problem.reference;
-        let others = problem.views.into_keys().filter(|node| *node != reference);
-        let answer = |node: NodeId| {
-            let found = of_node(&reference, &node, solution, solve_us);
-            (node, found)
+        let Asked { id, problem, mut warnings } = asked;
+        let others = problem.views.keys().filter(|node| **node != problem.reference);
+        let answer = |node: &NodeId| {
+            let found = of_node(&problem, node, solution);
+            (node.clone(), NodeAnswer { solve_us, ..found })
         };
-        let nodes = others.map(answer).collect();
-        Self { id, reference, nodes, warnings, solve_us }
+        let nodes: BTreeMap<NodeId, NodeAnswer> = others.map(answer).collect();
+        let clocks = nodes.iter().filter_map(|(node, found)| Some((node, found.clock.as_ref()?)));
+        warnings.extend(clocks.flat_map(|(node, clock)| clock.warnings(node)));
+        Self { id, reference: problem.reference, nodes, warnings, solve_us }
     }
 
     /// Logs what was assumed.
@@ -189,12 +193,8 @@ impl Answer {
     }
 }
 
-fn of_node(
-    reference: &NodeId,
-    node: &NodeId,
-    solution: &SiteSolution,
-    solve_us: f64,
-) -> NodeAnswer {
+fn of_node(problem: &SiteProblem, node: &NodeId, solution: &SiteSolution) -> NodeAnswer {
+    let reference = &problem.reference;
     let group = solution.groups.iter().find(|group| group.nodes.contains_key(node));
     let placed = group.filter(|group| group.gauge == *reference).and_then(|g| g.nodes.get(node));
     let before = placed.and_then(|placed| placed.via.iter().rev().nth(1)).unwrap_or(reference);
@@ -210,7 +210,8 @@ fn of_node(
         via: Vec::new(),
         group: None,
         evidence,
-        solve_us,
+        clock: edge.and_then(|edge| ClockJson::of(problem, before, edge)),
+        solve_us: 0.0,
     };
     if let Some(placed) = placed {
         let standing = Some(match placed.standing {

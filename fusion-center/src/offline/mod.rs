@@ -6,13 +6,16 @@
 //! Answers come in the order of the problems, and a line that cannot be read costs that line only.
 
 mod answer;
+mod clocks;
 mod draw;
 mod input;
+mod lag;
 mod lines;
 mod output;
 mod run;
 
 pub use answer::Answer;
+pub use clocks::ClockJson;
 pub use draw::{COLORS, Layer, picture};
 pub use input::{Asked, InputError, read_folder, read_problem};
 pub use run::{Options, register};

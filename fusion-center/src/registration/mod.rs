@@ -213,7 +213,7 @@ pub enum Missing {
     },
 }
 
-/// How the points that meet lie; lengths are four standard deviations of their spread.
+/// How the points that meet lie; lengths hold nearly all of them, 2.5 % may lie beyond either end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Layout {
     /// All within one place.
