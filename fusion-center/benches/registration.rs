@@ -172,9 +172,9 @@ fn chain_and_grid(node_count: usize) -> Option<SiteProblem> {
     let (hall_m, depth_m) = (SPACING_M * COLUMN_COUNT as f64, SPACING_M * rows as f64);
     let corridor_m = SPACING_M * (node_count - grid_count) as f64;
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let mut people = |count: usize, [from, to]: [f64; 2], depth_m: f64| -> Vec<Vector2<f64>> {
+    let mut people = |count: usize, [from, to]: [f64; 2], wide_m: f64| -> Vec<Vector2<f64>> {
         let mut place =
-            || Vector2::new(rng.random_range(from..to), rng.random_range(0.0..depth_m) - SPACING_M);
+            || Vector2::new(rng.random_range(from..to), rng.random_range(0.0..wide_m) - SPACING_M);
         (0..count).map(|_| place()).collect()
     };
     let paths = (0..30).map(|_| {

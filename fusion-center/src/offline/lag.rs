@@ -62,23 +62,17 @@ struct Pair {
     time_s: f64,
     /// The node's time less the reference side's.
     later_s: f64,
-    /// Index of the same target's pair in the next period.
-    next: Option<usize>,
 }
 
 /// The lag of the node against the reference side under `pose`; `None` where too few walk.
 pub(super) fn lag_of(problem: &Problem, pose: &Se2<Ref, Node>) -> Option<Lag> {
-    let mut periods: Vec<Vec<Pair>> =
+    let periods: Vec<Vec<Pair>> =
         problem.periods.iter().map(|period| pairs_of(period, pose)).collect();
-    for index in 1..periods.len() {
-        let (before, after) = periods.split_at_mut(index);
-        join(&mut before[index - 1], &after[0]);
-    }
     let mut sums = Sums::default();
     for (row, pairs) in periods.iter().enumerate() {
-        for (column, pair) in pairs.iter().enumerate() {
+        for pair in pairs {
             sums.start_cluster_at(pair.time_s);
-            if let Some(velocity_mps) = velocity(&periods, (row, column)) {
+            if let Some(velocity_mps) = velocity(&periods, row, pair) {
                 sums.add(pair, &velocity_mps);
             }
         }
@@ -107,22 +101,10 @@ fn pairs_of(period: &Period, pose: &Se2<Ref, Node>) -> Vec<Pair> {
             sigma_m,
             time_s: period.ref_time_s,
             later_s,
-            next: None,
         };
         (apart_m.norm() < reach_m).then_some(found)
     };
     mutual(&own, &their).into_iter().filter_map(pair).collect()
-}
-
-/// Notes which pair of the next period is the same target.
-fn join(before: &mut [Pair], after: &[Pair]) {
-    let places = |pairs: &[Pair]| pairs.iter().map(|pair| pair.middle_m).collect::<Vec<_>>();
-    for (one, other) in mutual(&places(before), &places(after)) {
-        let (from, to) = (&before[one], &after[other]);
-        let step_m = (to.middle_m - from.middle_m).norm();
-        let reach_m = MAX_SPEED_MPS * (to.time_s - from.time_s) + GATE_SIGMAS * from.sigma_m;
-        before[one].next = (step_m < reach_m).then_some(other);
-    }
 }
 
 /// Indices of places that are each other's nearest.
@@ -136,26 +118,43 @@ fn mutual(own: &[Vector2<f64>], their: &[Vector2<f64>]) -> Vec<(usize, usize)> {
     there.filter(is_back).collect()
 }
 
-/// Velocity of a pair's target, from as many pairs before as after.
-fn velocity(periods: &[Vec<Pair>], (row, column): (usize, usize)) -> Option<Vector2<f64>> {
-    let here = &periods[row][column];
-    let (mut first, mut last) = ((row, column), (row, column));
-    let mut slope = (Vector2::zeros(), 0.0);
-    loop {
-        let before = first.0.checked_sub(1)?;
-        let is_follower = |pair: &Pair| pair.next == Some(first.1);
-        first = (before, periods[before].iter().position(is_follower)?);
-        last = (last.0 + 1, periods[last.0][last.1].next?);
-        for (at, index) in [first, last] {
-            let pair = &periods[at][index];
-            let away_s = pair.time_s - here.time_s;
-            slope.0 += (pair.middle_m - here.middle_m) * away_s;
-            slope.1 += away_s * away_s;
+/// Velocity of the target of a pair `here`: that of the line through its pairs around it.
+fn velocity(periods: &[Vec<Pair>], row: usize, here: &Pair) -> Option<Vector2<f64>> {
+    let before = followed(periods[..row].iter().rev(), here);
+    let after = followed(periods[row + 1..].iter(), here);
+    let reach_s = |side: &[&Pair]| side.last().map(|pair| (pair.time_s - here.time_s).abs());
+    let is_long = |side: &[&Pair]| reach_s(side).is_some_and(|s| s >= 0.5 * HALF_WINDOW_S);
+    if !(is_long(&before) && is_long(&after)) {
+        return None;
+    }
+    let all = || before.iter().chain(&after).copied().chain([here]);
+    let count = (before.len() + after.len() + 1) as f64;
+    let mean_s = all().map(|pair| pair.time_s).sum::<f64>() / count;
+    let mean_m = all().map(|pair| pair.middle_m).sum::<Vector2<f64>>() / count;
+    let moment = |pair: &Pair| (pair.middle_m - mean_m) * (pair.time_s - mean_s);
+    let square_s2 = all().map(|pair| (pair.time_s - mean_s).powi(2)).sum::<f64>();
+    Some(all().map(moment).sum::<Vector2<f64>>() / square_s2)
+}
+
+/// The pairs of the same target in the periods that follow `start` in either direction of time, up to
+/// the first beyond the window. Periods without it are passed over.
+fn followed<'a>(periods: impl Iterator<Item = &'a Vec<Pair>>, start: &'a Pair) -> Vec<&'a Pair> {
+    let mut found: Vec<&Pair> = Vec::new();
+    let mut last = start;
+    for pairs in periods {
+        let away_m = |pair: &&Pair| (pair.middle_m - last.middle_m).norm();
+        let nearest = pairs.iter().min_by(|a, b| away_m(a).total_cmp(&away_m(b)));
+        let Some(next) = nearest else { continue };
+        let apart_s = (next.time_s - last.time_s).abs();
+        if away_m(&next) < MAX_SPEED_MPS * apart_s + GATE_SIGMAS * start.sigma_m {
+            found.push(next);
+            last = next;
         }
-        if periods[last.0][last.1].time_s - here.time_s >= HALF_WINDOW_S {
-            return (slope.1 > 0.0).then(|| slope.0 / slope.1);
+        if (next.time_s - start.time_s).abs() >= HALF_WINDOW_S {
+            break;
         }
     }
+    found
 }
 
 /// Normal equations of `(x_m, y_m, heading_rad, lag_s)`, by cluster.

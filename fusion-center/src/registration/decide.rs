@@ -6,7 +6,7 @@
 //! with Λ' the likelihood ratio in which what repeats counts once, `q` how often it repeats, `C` the
 //! inverse observed information and `r` = χ²/degrees of freedom where that is significantly above 1.
 //! Errors that last longer than a period are counted in Λ' and `q` already. The covariance is
-//! `C max(r, s)`, `s` how much longer errors last, and what lasting offsets along the lines of sight
+//! `C max(r, s)`, `s` what errors that last longer add, and what lasting offsets along the lines of sight
 //! add (see `offsets`). The default solver puts the joint fit's pose and covariance in their place.
 //!
 //! A mode is a rival of the best one if their `ln O` differ by less than the configured odds; if its
@@ -253,7 +253,7 @@ fn assess<'a>(
 ) -> Assessed<'a> {
     let matches = matches_of(data, runs, mode);
     let residual_ratio = mode.residual_ratio();
-    let doubt = residual_ratio.max(matches.lasting);
+    let doubt = residual_ratio.max(matches.widening);
     let covariance = mode.covariance * doubt + offset_covariance(data, mode);
     let volume = (2.0 * config.prior_half_width_m).powi(2) * TAU;
     let spread_of_all = mode.covariance * (residual_ratio * matches.repetition);

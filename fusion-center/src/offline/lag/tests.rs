@@ -80,29 +80,36 @@ fn a_pose_that_took_the_lag_for_a_shift_hides_it_no_more_than_its_size() {
     assert!((right.lag_s - shifted.lag_s).abs() < right.sigma_s, "{right:?} {shifted:?}");
 }
 
+/// Where the point of another period nearest to `place` lies.
+fn near(period: &Period, place: Vector2<f64>) -> Option<Vector2<f64>> {
+    let all = period.in_node.iter().map(|other| other.mean.coords_m);
+    all.min_by(|a, b| (a - place).norm().total_cmp(&(b - place).norm()))
+}
+
+/// The node's points put back along their walks by `lag_s`; those without a walk left out.
+fn put_back(case: &Problem, lag_s: f64) -> Problem {
+    const AROUND: usize = 4;
+    let mut moved = case.clone();
+    let last = case.periods.len() - 1;
+    for (index, period) in moved.periods.iter_mut().enumerate() {
+        let (from, to) = (index.saturating_sub(AROUND), (index + AROUND).min(last));
+        let duration_s = PERIOD_S * (to - from) as f64;
+        period.in_node.retain_mut(|point| {
+            let place = point.mean.coords_m;
+            let ends = near(&case.periods[from], place).zip(near(&case.periods[to], place));
+            let velocity = ends.map(|(start, end)| (end - start) / duration_s);
+            point.mean = Point::from_coords(place - velocity.unwrap_or_default() * lag_s);
+            velocity.is_some_and(|velocity| velocity.norm() < 1.6)
+        });
+    }
+    moved
+}
+
 #[test]
-fn one_walk_at_a_few_lags_is_the_sum_of_squares_least_there() {
-    // Brute force: shift the node's points back along the true ways by trial lags.
+fn the_lag_is_that_at_which_points_put_back_fit_best() {
     let (case, truth) = problem(5, 4, 0.0);
     let cost = |lag_s: f64| {
-        let mut moved = case.clone();
-        let periods = &case.periods;
-        for (index, period) in moved.periods.iter_mut().enumerate() {
-            let around = [index.saturating_sub(4), (index + 4).min(periods.len() - 1)];
-            period.in_node.retain_mut(|point| {
-                let place = point.mean.coords_m;
-                let near = |at: usize| {
-                    let all = periods[at].in_node.iter().map(|other| other.mean.coords_m);
-                    all.min_by(|a, b| (a - place).norm().total_cmp(&(b - place).norm()))
-                };
-                let (Some(from), Some(to)) = (near(around[0]), near(around[1])) else {
-                    return false;
-                };
-                let velocity = (to - from) / (PERIOD_S * (around[1] - around[0]) as f64);
-                point.mean = Point::from_coords(place - velocity * lag_s);
-                velocity.norm() < 1.6
-            });
-        }
+        let moved = put_back(&case, lag_s);
         let pairs = moved.periods.iter().flat_map(|period| pairs_of(period, &truth));
         let squares: Vec<f64> =
             pairs.map(|pair| pair.apart_m.dot(&(pair.information * pair.apart_m))).collect();
