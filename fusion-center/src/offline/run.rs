@@ -252,3 +252,6 @@ fn after(problem: &SiteProblem, solution: &SiteSolution) -> Vec<Layer> {
     }
     layers
 }
+
+#[cfg(test)]
+mod tests;

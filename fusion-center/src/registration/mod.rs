@@ -42,6 +42,8 @@ mod degenerate_tests;
 #[cfg(test)]
 mod scene_tests;
 #[cfg(test)]
+mod standing_tests;
+#[cfg(test)]
 mod statistics_tests;
 
 pub use certificate::{Certificate, Uncertified};
