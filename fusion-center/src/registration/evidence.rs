@@ -150,6 +150,8 @@ pub(super) fn matches_of(data: &Prepared, runs: &BothRuns, mode: &Mode) -> Match
     let mut meetings = gathered(runs, links);
     weigh(data, runs, &mut meetings);
     let lasting = block_ratio(data, &block_scores, &mode.covariance).max(run_ratio(&meetings));
+    let is_long = data.spans.len() >= MIN_PERIODS_FOR_BLOCKS;
+    let widening = if is_long { score_ratio(&meetings, &mode.covariance) } else { 1.0 };
     let independent: f64 = meetings.iter().map(|(_, m)| m.weight * m.averaged(lasting)).sum();
     let log_ratio = |class| class_log_ratio(data, runs, (&meetings, class), lasting);
     Matches {
@@ -157,7 +159,7 @@ pub(super) fn matches_of(data: &Prepared, runs: &BothRuns, mode: &Mode) -> Match
         distinct_count: place_count(data, &likely, runs.place_distance_m),
         log_ratio: log_ratio(RunClass::Single) + log_ratio(RunClass::Tracked),
         repetition: (mode.fit.matched / independent.max(f64::MIN_POSITIVE)).max(1.0),
-        widening: lasting.max(score_ratio(&meetings, &mode.covariance)),
+        widening: lasting.max(widening),
     }
 }
 
@@ -266,10 +268,9 @@ fn block_ratio(
 }
 
 /// Variance of the pose over that of independent errors, where errors last as long as two runs meet:
-/// `Σ gᵀ C g` over the scores `g` of all meetings against its expectation
-/// `E = Σ 3 f (1 − f)`, `f` a meeting's share of the matched points; 1 where it is not significantly
-/// above. A variance that as few as `n = 1 / Σ f²` equal meetings tell is raised by `n / (n − 3)`, three
-/// unknowns having bent towards them.
+/// `Σ gᵀ C g` over the scores `g` of all meetings against its expectation `E = Σ 3 f (1 − f)`, `f` a
+/// meeting's share of the matched points; 1 where it is not significantly above. Three unknowns have
+/// bent towards the `n = 1 / Σ f²` equal meetings that tell it, for which `4 / n` of it is added.
 fn score_ratio(meetings: &Meetings, covariance: &Matrix3<f64>) -> f64 {
     let total: f64 = meetings.iter().map(|(_, m)| m.matched).sum();
     let (mut sum, mut expected, mut variance, mut shares) = (0.0, 0.0, 0.0, 0.0);
@@ -280,11 +281,8 @@ fn score_ratio(meetings: &Meetings, covariance: &Matrix3<f64>) -> f64 {
         variance += 6.0 * (share * (1.0 - share)).powi(2);
         shares += share * share;
     }
-    if sum <= expected + SIGNIFICANT_SIGMAS * f64::sqrt(variance) {
-        return 1.0;
-    }
-    let equal_count = (1.0 / shares).max(MIN_FREEDOM);
-    sum / expected * equal_count / (equal_count - 3.0)
+    let is_significant = sum > expected + SIGNIFICANT_SIGMAS * f64::sqrt(variance);
+    if is_significant && expected >= 1.0 { sum / expected * (1.0 + 4.0 * shares) } else { 1.0 }
 }
 
 /// Places that are more than `distance_m` apart, counted greedily in order of time.
@@ -448,8 +446,8 @@ mod tests {
             fair_count += u64::from(score_ratio(&fair, &covariance) <= 1.0);
         }
         // The fit's variance is Σ n² / (Σ n)² and not 1 / Σ n: 36.1 times that. It is told by 24.9
-        // equal meetings, for which another 24.9 / 21.9 is added. One trial spreads by a sixth.
-        assert!((mean / (36.1 * 24.9 / 21.9) - 1.0).abs() < 0.04, "{mean}");
+        // equal meetings, for which 4 / 24.9 of it is added. One trial spreads by a sixth.
+        assert!((mean / (36.1 * (1.0 + 4.0 / 24.9)) - 1.0).abs() < 0.04, "{mean}");
         assert!(fair_count >= TRIAL_COUNT - 8, "{fair_count}");
     }
 
