@@ -7,10 +7,10 @@ use super::*;
 const LINE: &str = r#"{"id":"a","reference":"n1","sets":[
     {"node":"n1","period":0,"time_s":0.0,"points":[{"x_m":3.0,"y_m":4.0,"cov_m2":[0.01,0.0,0.02]}]},
     {"node":"n2","period":0,"time_s":0.0,"points":[{"x_m":3.0,"y_m":4.0,"cov_m2":[0.01,0.0,0.02]}]}]}"#;
-/// Far beyond what a stop may take.
-const SLOW: Duration = Duration::from_secs(20);
-/// From the wish to stop to the end, seconds.
-const STOP_LIMIT_S: f64 = 1.0;
+/// Longer than a stop may take, and short enough for other tests that wait for the same threads.
+const SLOW: Duration = Duration::from_secs(3);
+/// From the wish to stop to the end, seconds: a tenth of it on an idle machine.
+const STOP_LIMIT_S: f64 = 2.0;
 
 /// A solver that takes its time.
 struct Sleeper;
