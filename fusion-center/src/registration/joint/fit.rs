@@ -2,19 +2,24 @@
 //!
 //! Unknowns are the pose `(x, y, φ)`, the offsets of both sides that all targets share, and those of
 //! each target; trajectories are eliminated track by track (see `passes`). Offsets are in units of
-//! their standard deviation, `η = a + b`, `a` of variance `s` shared by all targets of a side and
-//! `b` of variance `1 − s` each target's own. Of a track with information `I` about pose and `η` the
-//! elimination of `b` leaves `I − I_η (I_ηη + 1/(1 − s))⁻¹ I_ηᵀ`.
+//! their standard deviation, along the line of sight `η = a + b`, `a` of variance `s` shared by all
+//! targets of a side and `b` of variance `1 − s` each target's own; across it `ζ`, all each target's
+//! own. Of a track with information `I` about pose, `η` and `ζ` the elimination of `o = (b, ζ)` with
+//! the prior's precision `P` leaves `I_θθ − I_θo (I_oo + P)⁻¹ I_oθ` for `θ`, pose and `a`, in which
+//! `I_θo` is that of pose and `η` with `η` and `ζ`.
 //!
 //! The acceleration noise of each track is the likeliest of a few, so that a straight walk is worth
 //! what a straight walk is worth and a bent one does not bend the pose.
 
 use std::ops::SubAssign;
 
-use nalgebra::{Cholesky, Matrix2, Matrix5, Matrix5x2, SMatrix, Vector2, Vector5};
+use nalgebra::{
+    Cholesky, Matrix4, Matrix5, Matrix5x4, SMatrix, SVector, Vector2, Vector4, Vector5,
+};
 
 use super::super::prepared::Motion;
 use super::passes::{Pass, Setting, filtered};
+use super::scans::Offsets;
 use super::tracks::{Member, Track};
 use crate::statistics::Ratio;
 
@@ -31,7 +36,7 @@ const FAR_NOISES: [usize; 2] = [3, 6];
 /// \[registration\] prices between 1 and 8 change RMSE by less than 1 %.
 const NOISE_PRICES: [f64; 8] = [8.0, 8.0, 8.0, 6.0, 4.0, 2.0, 0.0, 0.0];
 
-/// s: share of an offset's variance that all targets of a side have in common.
+/// s: share of the variance along the line of sight that all targets of a side have in common.
 pub(super) const COMMON_SHARE: f64 = 0.5;
 
 /// Steps after which the fit has failed, and steps in which noise may still change.
@@ -47,8 +52,8 @@ const SETTLED: f64 = 0.1;
 struct Fitted<'a> {
     members: &'a [Member],
     noise_index: usize,
-    /// `b`, by side.
-    own_offsets: Vector2<f64>,
+    /// `b` by side, `ζ` by side.
+    own_offsets: Vector4<f64>,
     reduced: Reduced,
 }
 
@@ -57,10 +62,10 @@ struct Fitted<'a> {
 struct Reduced {
     information: Matrix5<f64>,
     pull: Vector5<f64>,
-    /// `(I_ηη + 1/(1 − s))⁻¹` times the pull, and times `I_ηᵀ`: the own offsets' step is the first
-    /// less the second times the common step.
-    own_pull: Vector2<f64>,
-    own_slope: Matrix5x2<f64>,
+    /// `(I_oo + P)⁻¹` times the pull, and times `I_oθ`: the own offsets' step is the first less the
+    /// second times the common step.
+    own_pull: Vector4<f64>,
+    own_slope: Matrix5x4<f64>,
     /// What of the information is lost because points may be others'.
     lost: Matrix5<f64>,
     chi_square: f64,
@@ -78,14 +83,14 @@ pub(super) struct Joint {
     pub(super) lasting: Ratio,
 }
 
-/// Fits with `C` columns, 4 without and 6 with offsets; `None` where it does not converge.
+/// Fits with `C` columns, 4 without and 8 with offsets; `None` where it does not converge.
 pub(super) fn fit<const C: usize>(start: &Setting<'_>, tracks: &[Track]) -> Option<Joint> {
     let mut fitted: Vec<Fitted<'_>> = tracks
         .iter()
         .map(|track| Fitted {
             members: &track.members,
             noise_index: 0,
-            own_offsets: Vector2::zeros(),
+            own_offsets: Vector4::zeros(),
             reduced: Reduced::default(),
         })
         .collect();
@@ -134,8 +139,9 @@ fn prior(common: &Vector2<f64>) -> (Matrix5<f64>, Vector5<f64>) {
 }
 
 impl Fitted<'_> {
-    fn offsets(&self, common: &Vector2<f64>) -> [f64; 2] {
-        (common + self.own_offsets).into()
+    fn offsets(&self, common: &Vector2<f64>) -> Offsets {
+        let [of_ref, of_node, across_of_ref, across_of_node] = self.own_offsets.into();
+        [common.x + of_ref, common.y + of_node, across_of_ref, across_of_node]
     }
 
     /// Moves to a likelier noise; says whether it did. The first choice looks at noises far apart,
@@ -169,10 +175,13 @@ impl Fitted<'_> {
         let offsets = self.offsets(common);
         let noise_m2ps3 = NOISES_M2PS3[self.noise_index];
         let pass: Pass<C> = filtered(setting, self.members, (noise_m2ps3, &offsets));
-        let (information, pull) = unpacked(&pass.normal);
-        let (lost, _) = unpacked(&pass.lost);
+        let (of_all, pull_of_all) = unpacked(&pass.normal);
+        let (lost_of_all, _) = unpacked(&pass.lost);
+        let information: Matrix5<f64> = of_all.fixed_view::<5, 5>(0, 0).into_owned();
+        let lost: Matrix5<f64> = lost_of_all.fixed_view::<5, 5>(0, 0).into_owned();
+        let pull: Vector5<f64> = pull_of_all.fixed_rows::<5>(0).into_owned();
         let (chi_square, used_count) = (pass.normal[(0, 0)], pass.used_count);
-        if C < 6 {
+        if C < 8 {
             return Reduced {
                 information,
                 pull,
@@ -182,16 +191,17 @@ impl Fitted<'_> {
                 ..Reduced::default()
             };
         }
-        let precision = 1.0 / (1.0 - COMMON_SHARE);
-        let own = information.fixed_view::<2, 2>(3, 3) + Matrix2::from_diagonal_element(precision);
+        let along = 1.0 / (1.0 - COMMON_SHARE);
+        let precision = Matrix4::from_diagonal(&Vector4::new(along, along, 1.0, 1.0));
+        let own = of_all.fixed_view::<4, 4>(3, 3) + precision;
         let inverse = own.try_inverse().unwrap_or_default();
-        let cross: Matrix5x2<f64> = information.fixed_view::<5, 2>(0, 3).into_owned();
-        let own_pull = inverse * (pull.fixed_rows::<2>(3) - self.own_offsets * precision);
+        let cross: Matrix5x4<f64> = of_all.fixed_view::<5, 4>(0, 3).into_owned();
+        let own_pull = inverse * (pull_of_all.fixed_rows::<4>(3) - precision * self.own_offsets);
         let own_slope = cross * inverse;
-        let mut elimination = Matrix5::identity();
-        elimination.fixed_columns_mut::<2>(3).sub_assign(&own_slope);
+        let mut elimination = SMatrix::<f64, 5, 7>::identity();
+        elimination.fixed_columns_mut::<4>(3).sub_assign(&own_slope);
         Reduced {
-            lost: elimination * lost * elimination.transpose(),
+            lost: elimination * lost_of_all * elimination.transpose(),
             information: information - own_slope * cross.transpose(),
             pull: pull - cross * own_pull,
             own_pull,
@@ -202,9 +212,10 @@ impl Fitted<'_> {
     }
 }
 
-/// Information and pull of `(x, y, heading, η of the reference, η of the node)`.
-fn unpacked<const C: usize>(normal: &SMatrix<f64, C, C>) -> (Matrix5<f64>, Vector5<f64>) {
-    let (mut information, mut pull) = (Matrix5::zeros(), Vector5::zeros());
+/// Information and pull of the pose `(x, y, heading)`, of `η` of the reference and of the node and of
+/// `ζ` of the same.
+fn unpacked<const C: usize>(normal: &SMatrix<f64, C, C>) -> (SMatrix<f64, 7, 7>, SVector<f64, 7>) {
+    let (mut information, mut pull) = (SMatrix::zeros(), SVector::zeros());
     for right in 1..C {
         pull[right - 1] = -normal[(0, right)];
         for left in 1..=right {

@@ -11,7 +11,8 @@
 //! deviation. It differs from person to person and, as a person turns, from walk to walk; and it
 //! has a part that all share, because clothes, wall and detector are common to all and because
 //! several tracks may be one person's. Both parts are unknowns with half of the variance each, for
-//! each side, and the pose's covariance holds what they cost.
+//! each side, and the pose's covariance holds what they cost. What shines of a body also lies aside
+//! of its middle for as long as the body keeps its direction; that each track has by itself.
 //!
 //! The stage never makes the answer worse: without tracks, without convergence or with a pose that
 //! the pairwise one excludes, there is no result, and the pairwise one stays.
@@ -105,7 +106,7 @@ pub(super) fn joined(
             outlier_log_density: ground.log_density,
         };
         let joint =
-            if has_offsets { fit::<6>(&setting, &tracks) } else { fit::<4>(&setting, &tracks) }?;
+            if has_offsets { fit::<8>(&setting, &tracks) } else { fit::<4>(&setting, &tracks) }?;
         let next = ground.after(&joint);
         if next.is_like(&ground, &joint) {
             let least = least_inflation / ground.covariance_scale;

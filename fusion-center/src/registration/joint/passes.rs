@@ -10,7 +10,7 @@ use nalgebra::SMatrix;
 
 use super::super::prepared::Motion;
 use super::filter::{Innovation, State};
-use super::scans::Seen;
+use super::scans::{Offsets, Seen};
 use super::tracks::{Member, VELOCITY_SIGMA_MPS};
 
 /// Squared Mahalanobis distance below which a point is no outlier, however wide its prediction: 99.75 %
@@ -75,7 +75,7 @@ fn own_chance(log_density: f64, chi_square: f64, outlier_log_density: f64) -> f6
 pub(super) fn filtered<const C: usize>(
     setting: &Setting<'_>,
     members: &[Member],
-    (noise_m2ps3, offsets): (f64, &[f64; 2]),
+    (noise_m2ps3, offsets): (f64, &Offsets),
 ) -> Pass<C> {
     let mut pass = Pass {
         normal: SMatrix::zeros(),

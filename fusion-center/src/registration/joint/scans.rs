@@ -11,9 +11,22 @@ use super::super::prepared::{Blob, Motion};
 use super::filter::Observation;
 use crate::statistics::median;
 
-/// Columns of an observation: the value, three of the pose, two of the offsets.
+/// Columns of an observation: the value, three of the pose, two of the offsets along the line of
+/// sight, two of those across.
 pub(super) const POSE_COLUMN: usize = 1;
-pub(super) const OFFSET_COLUMN: usize = 4;
+pub(super) const ALONG_COLUMN: usize = 4;
+pub(super) const ACROSS_COLUMN: usize = 6;
+
+/// Offsets in standard deviations: along the line of sight of the reference and of the node, then
+/// across, to the left.
+pub(super) type Offsets = [f64; 4];
+
+/// Standard deviation of the lasting offset across the line of sight over that along it. What
+/// shines of a body lies aside of its middle, otherwise for each node. Measured on 384 straight
+/// walks each of two models of people in 32 random scenes without walls (seeds 500..516): 0.067 m
+/// and 0.064 m across, 0.050 m and 0.043 m along. With 1.2 and 1.6 the mean error in the measured
+/// room, points given to their targets, changes by 3 mm.
+pub(super) const ACROSS_RATIO: f64 = 1.4;
 
 /// Who saw a point. The numbers index pairs of values, reference first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,43 +134,48 @@ fn seen<F: Frame>(point: &Gaussian<F>, offset_sigma_m: f64) -> Option<Seen> {
 }
 
 impl Seen {
-    /// The point in the reference frame with its derivatives: `y = Φ z + t + u σ η` for the node,
-    /// `y = z + u σ η` for the reference, `u` along the line of sight and `η` the side's offset in
-    /// standard deviations. Columns: value, by the pose, by `η` of the reference, of the node.
-    /// `offsets` are the two values of `η`, `scale` a factor on the covariance.
+    /// The point in the reference frame with its derivatives: `y = Φ (z + o) + t` for the node,
+    /// `y = z + o` for the reference, `o = σ (u η + ρ v ζ)`, `u` along the line of sight, `v` a
+    /// quarter turn to its left, `ρ` the ratio of the standard deviations across and along, `η` and
+    /// `ζ` the side's `offsets`. Columns: value, by the pose, by `η` of the reference, of the node, by
+    /// `ζ` of the same. `scale` is a factor on the covariance.
     pub(super) fn observed<const C: usize>(
         &self,
         motion: &Motion,
-        offsets: &[f64; 2],
+        offsets: &Offsets,
         scale: f64,
     ) -> Observation<C> {
         let mut columns = [Vector2::zeros(); C];
         let is_node = self.side == Side::Node;
         let mapped = if is_node { motion.apply(&self.blob) } else { self.blob };
-        let (u, v) = (self.offset_m.x, self.offset_m.y);
-        let along = if is_node {
-            Vector2::from(<[f64; 2]>::from(motion.turned(u, v)))
-        } else {
-            self.offset_m
-        };
-        columns[0] = Vector2::new(mapped.x, mapped.y) + along * offsets[self.side as usize];
+        let [along, across] = self.offset_axes_m(motion);
+        let side = self.side as usize;
+        columns[0] =
+            Vector2::new(mapped.x, mapped.y) + along * offsets[side] + across * offsets[side + 2];
         if is_node && C > POSE_COLUMN {
             let lever = columns[0] - Vector2::new(motion.x, motion.y);
             columns[POSE_COLUMN] = Vector2::new(1.0, 0.0);
             columns[POSE_COLUMN + 1] = Vector2::new(0.0, 1.0);
             columns[POSE_COLUMN + 2] = Vector2::new(-lever.y, lever.x);
         }
-        if C > OFFSET_COLUMN {
-            columns[OFFSET_COLUMN + self.side as usize] = along;
+        if C > ACROSS_COLUMN {
+            columns[ALONG_COLUMN + side] = along;
+            columns[ACROSS_COLUMN + side] = across;
         }
         let cov_m2 = Matrix2::new(mapped.xx, mapped.xy, mapped.xy, mapped.yy) * scale;
         Observation { columns, cov_m2, time_s: self.time_s }
     }
 
-    /// Covariance of the lasting offset in the reference frame, m².
-    pub(super) fn offset_cov_m2(&self, motion: &Motion) -> Matrix2<f64> {
+    /// `σ u` and `ρ σ v` in the reference frame, metres.
+    fn offset_axes_m(&self, motion: &Motion) -> [Vector2<f64>; 2] {
         let (u, v) = (self.offset_m.x, self.offset_m.y);
         let (x, y) = if self.side == Side::Node { motion.turned(u, v) } else { (u, v) };
-        Matrix2::new(x * x, x * y, x * y, y * y)
+        [Vector2::new(x, y), Vector2::new(-y, x) * ACROSS_RATIO]
+    }
+
+    /// Covariance of the lasting offset in the reference frame, m².
+    pub(super) fn offset_cov_m2(&self, motion: &Motion) -> Matrix2<f64> {
+        let axes = self.offset_axes_m(motion);
+        axes.iter().map(|axis| axis * axis.transpose()).sum()
     }
 }

@@ -5,6 +5,7 @@ use rand::RngExt;
 
 use super::super::degenerate_tests::{walkers, wanderers};
 use super::super::{Outcome, Pairwise, Problem, Solver};
+use super::scans::ACROSS_RATIO;
 use crate::simulate::{Conditions, Paths, Sampler, Trial, paper_paths};
 
 /// How a room is drawn.
@@ -16,7 +17,8 @@ struct Room {
     walk: Walk,
     /// Seconds by which the node measures later.
     late_s: f64,
-    /// Standard deviations, metres, of the offset common to a side and of that of each target.
+    /// Standard deviations, metres, of the offset along the line of sight common to a side and of
+    /// that of each target. Each target is also off across it.
     offset_sigmas_m: [f64; 2],
 }
 
@@ -36,9 +38,14 @@ fn shifted(paths: &Paths, part: f64) -> Paths {
     (0..paths.len()).map(at).collect()
 }
 
-fn farther(paths: &Paths, from: Vector2<f64>, offsets_m: &[f64]) -> Paths {
+/// Every target off by its `[along, across]` of the line of sight.
+fn displaced(paths: &Paths, from: Vector2<f64>, offsets_m: &[[f64; 2]]) -> Paths {
     let moved = |targets: &Vec<Vector2<f64>>| {
-        targets.iter().zip(offsets_m).map(|(p, b)| p + (p - from).normalize() * *b).collect()
+        let one = |(p, [along_m, across_m]): (&Vector2<f64>, &[f64; 2])| {
+            let sight = (p - from).normalize();
+            p + sight * *along_m + Vector2::new(-sight.y, sight.x) * *across_m
+        };
+        targets.iter().zip(offsets_m).map(one).collect()
     };
     paths.iter().map(moved).collect()
 }
@@ -55,13 +62,15 @@ impl Room {
         let [side, own] = self.offset_sigmas_m;
         let mut offsets = || {
             let common = side * sampler.normal();
-            (0..paths[0].len()).map(|_| common + own * sampler.normal()).collect::<Vec<f64>>()
+            let across = ACROSS_RATIO * side.hypot(own);
+            let mut one = || [common + own * sampler.normal(), across * sampler.normal()];
+            (0..paths[0].len()).map(|_| one()).collect::<Vec<_>>()
         };
         let (of_ref, of_node) = (offsets(), offsets());
         let noise_seed = sampler.rng.random::<u64>();
         let late = shifted(&paths, self.late_s / period_s);
-        let in_ref = farther(&paths, Vector2::new(5.0, 0.0), &of_ref);
-        let in_node = farther(&late, Vector2::new(0.0, 5.0), &of_node);
+        let in_ref = displaced(&paths, Vector2::new(5.0, 0.0), &of_ref);
+        let in_node = displaced(&late, Vector2::new(0.0, 5.0), &of_node);
         let mut case = Sampler::new(noise_seed).observe(&in_ref, &self.conditions);
         let other = Sampler::new(noise_seed).observe(&in_node, &self.conditions);
         for (period, late_one) in case.problem.periods.iter_mut().zip(other.problem.periods) {

@@ -6,7 +6,7 @@ use proto::geom::{Gaussian, Node, Point, Ref};
 use super::super::modes::refine;
 use super::super::prepared::Motion;
 use super::passes::{Pass, filtered};
-use super::scans::Side;
+use super::scans::{ACROSS_RATIO, Offsets, Side};
 use super::tracks::{Member, Way};
 use super::*;
 use crate::simulate::{Conditions, Trial, large_room, trial};
@@ -53,11 +53,11 @@ fn walk_covariance(a: f64, b: f64, noise_m2ps3: f64) -> f64 {
 }
 
 /// `[y V]ᵀ Σ⁻¹ [y V]` with the unknown start eliminated, from the covariance of all points at once.
-fn dense(setting: &Setting<'_>, offsets: &[f64; 2], noise_m2ps3: f64) -> SMatrix<f64, 6, 6> {
+fn dense(setting: &Setting<'_>, offsets: &Offsets, noise_m2ps3: f64) -> SMatrix<f64, 8, 8> {
     let seen: Vec<_> = setting
         .points
         .iter()
-        .map(|p| p.observed::<6>(&setting.motion, offsets, setting.covariance_scale))
+        .map(|p| p.observed::<8>(&setting.motion, offsets, setting.covariance_scale))
         .collect();
     let start_s = seen[0].time_s;
     let count = 2 * seen.len();
@@ -68,7 +68,7 @@ fn dense(setting: &Setting<'_>, offsets: &[f64; 2], noise_m2ps3: f64) -> SMatrix
         let walk = walk_covariance(one.time_s - start_s, other.time_s - start_s, noise_m2ps3);
         own + same_axis * walk
     });
-    let columns = DMatrix::from_fn(count, 6, |r, c| seen[r / 2].columns[c][r % 2]);
+    let columns = DMatrix::from_fn(count, 8, |r, c| seen[r / 2].columns[c][r % 2]);
     let start = DMatrix::from_fn(count, 2, |r, c| f64::from(u8::from(r % 2 == c)));
     let precision = cov.try_inverse().unwrap();
     let (ys, ss) = (&precision * &columns, &precision * &start);
@@ -90,11 +90,11 @@ fn setting(scans: &Scans) -> Setting<'_> {
 #[test]
 fn the_filter_is_dense_least_squares_over_the_whole_walk() {
     let scans = Scans::new(&one_target());
-    let (setting, offsets) = (setting(&scans), [0.7, -0.4]);
+    let (setting, offsets) = (setting(&scans), [0.7, -0.4, -0.9, 0.5]);
     for noise_m2ps3 in [0.0, 0.02, 0.7] {
-        let pass: Pass<6> = filtered(&setting, &members(&scans), (noise_m2ps3, &offsets));
+        let pass: Pass<8> = filtered(&setting, &members(&scans), (noise_m2ps3, &offsets));
         let expected = dense(&setting, &offsets, noise_m2ps3);
-        for (r, c) in (0..6).flat_map(|c| (0..=c).map(move |r| (r, c))) {
+        for (r, c) in (0..8).flat_map(|c| (0..=c).map(move |r| (r, c))) {
             let scale = (expected[(r, r)] * expected[(c, c)]).sqrt();
             let apart = (pass.normal[(r, c)] - expected[(r, c)]).abs();
             assert!(apart < SAME * scale, "{noise_m2ps3} {r} {c}: {apart} of {scale}");
@@ -110,7 +110,7 @@ fn a_point_beyond_a_gate_is_beyond_it_by_its_mahalanobis_distance() {
     let scans = Scans::new(&one_target());
     let motion = Motion::new(3.0, 2.0, -1.2);
     let seen: Vec<_> =
-        scans.points.iter().map(|p| p.observed::<1>(&motion, &[0.0; 2], 1.0)).collect();
+        scans.points.iter().map(|p| p.observed::<1>(&motion, &[0.0; 4], 1.0)).collect();
     let mut beyond_count = 0;
     for (first, added_m2) in seen.iter().flat_map(|first| [(first, 0.0), (first, 0.2)]) {
         let state = filter::State::starting(first, VELOCITY_SIGMA_MPS);
@@ -133,41 +133,47 @@ fn columns_are_the_derivatives_of_the_value() {
     let scans = Scans::new(&one_target());
     let motion = Motion::new(3.0, 2.0, -1.2);
     for seen in &scans.points {
-        let at = seen.observed::<6>(&motion, &[0.3, 0.6], 1.0);
-        for unknown in 0..5 {
-            let mut step = SMatrix::<f64, 5, 1>::zeros();
+        let offsets = [0.3, 0.6, -0.8, 0.4];
+        let at = seen.observed::<8>(&motion, &offsets, 1.0);
+        for unknown in 0..7 {
+            let mut step = SMatrix::<f64, 7, 1>::zeros();
             step[unknown] = STEP;
             let moved = motion.plus(&step.fixed_rows::<3>(0).into_owned());
-            let there = seen.observed::<1>(&moved, &[0.3 + step[3], 0.6 + step[4]], 1.0);
+            let shifted = std::array::from_fn(|k| offsets[k] + step[3 + k]);
+            let there = seen.observed::<1>(&moved, &shifted, 1.0);
             let slope = (there.columns[0] - at.columns[0]) / STEP;
             assert!((slope - at.columns[unknown + 1]).norm() < SLOPE_ERROR, "{unknown}");
         }
     }
-    let outward = |side| {
+    for (side, sigma_m) in [(Side::Ref, 0.05), (Side::Node, 0.08)] {
         let seen = scans.points.iter().find(|p| p.side == side).unwrap();
-        seen.observed::<6>(&motion, &[0.0; 2], 1.0).columns[4 + side as usize].norm()
-    };
-    assert!(
-        (outward(Side::Ref) - 0.05).abs() < 1e-12 && (outward(Side::Node) - 0.08).abs() < 1e-12
-    );
+        let columns = seen.observed::<8>(&motion, &[0.0; 4], 1.0).columns;
+        let [along, across] = [columns[4 + side as usize], columns[6 + side as usize]];
+        assert!((along.norm() - sigma_m).abs() < 1e-12);
+        assert!((across.norm() - sigma_m * ACROSS_RATIO).abs() < 1e-12);
+        assert!(along.dot(&across).abs() < 1e-15 && along.perp(&across) > 0.0);
+        let cov_m2 = along * along.transpose() + across * across.transpose();
+        assert!((seen.offset_cov_m2(&motion) - cov_m2).norm() < 1e-15);
+    }
 }
 
 /// The pose covariance from all unknowns at once: pose, shared offsets, own offsets of each track.
-fn dense_covariance(normals: &[SMatrix<f64, 6, 6>]) -> DMatrix<f64> {
-    let count = 5 + 2 * normals.len();
+fn dense_covariance(normals: &[SMatrix<f64, 8, 8>]) -> DMatrix<f64> {
+    let count = 5 + 4 * normals.len();
     let mut information = DMatrix::zeros(count, count);
     for (index, normal) in normals.iter().enumerate() {
-        let place = DMatrix::from_fn(5, count, |r, c| {
-            let own = r >= 3 && c == 5 + 2 * index + r - 3;
-            f64::from(u8::from(r == c || own))
+        let place = DMatrix::from_fn(7, count, |r, c| {
+            let own = r >= 3 && c == 5 + 4 * index + r - 3;
+            f64::from(u8::from(r < 5 && r == c || own))
         });
-        let part = DMatrix::from_fn(5, 5, |r, c| normal[(r.min(c) + 1, r.max(c) + 1)]);
+        let part = DMatrix::from_fn(7, 7, |r, c| normal[(r.min(c) + 1, r.max(c) + 1)]);
         information += place.transpose() * part * place;
     }
     let prior = DVector::from_fn(count, |r, _| match r {
         0..3 => 0.0,
         3..5 => 1.0 / fit::COMMON_SHARE,
-        _ => 1.0 / (1.0 - fit::COMMON_SHARE),
+        _ if (r - 5) % 4 < 2 => 1.0 / (1.0 - fit::COMMON_SHARE),
+        _ => 1.0,
     });
     (information + DMatrix::from_diagonal(&prior)).try_inverse().unwrap()
 }
@@ -189,11 +195,11 @@ fn offsets_cost_what_they_cost_when_all_are_unknowns() {
         covariance_scale: 1.0,
         ..setting(&scans)
     };
-    let joint = fit::<6>(&setting, &tracks).unwrap();
+    let joint = fit::<8>(&setting, &tracks).unwrap();
     let at = Setting { motion: joint.motion, ..setting };
     let normals: Vec<_> = tracks
         .iter()
-        .map(|track| filtered::<6>(&at, &track.members, (0.0, &[0.0; 2])).normal)
+        .map(|track| filtered::<8>(&at, &track.members, (0.0, &[0.0; 4])).normal)
         .collect();
     let expected = dense_covariance(&normals);
     for index in 0..5 {

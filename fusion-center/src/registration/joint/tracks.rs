@@ -98,7 +98,7 @@ pub(super) struct Ground {
 impl Ground {
     /// The point with all that is uncertain about it.
     fn observed(&self, point: &Seen) -> Observation<1> {
-        let mut seen = point.observed::<1>(&self.motion, &[0.0; 2], self.covariance_scale);
+        let mut seen = point.observed::<1>(&self.motion, &[0.0; 4], self.covariance_scale);
         seen.cov_m2 += point.offset_cov_m2(&self.motion);
         if point.side == Side::Node {
             let (x, y) = (seen.columns[0].x - self.motion.x, seen.columns[0].y - self.motion.y);
