@@ -89,7 +89,9 @@ impl<'a> Case<'a> {
         let position = mode.covariance.fixed_view::<2, 2>(0, 0).into_owned();
         let (sigma_m, _, _) = principal_axes(&position);
         let sigma_rad = mode.covariance[(2, 2)].sqrt();
-        sigma_m < self.decision.prior_half_width_m && sigma_rad < UNKNOWN_HEADING_SIGMA_RAD
+        mode.covariance.iter().all(|value| value.is_finite())
+            && sigma_m < self.decision.prior_half_width_m
+            && sigma_rad < UNKNOWN_HEADING_SIGMA_RAD
     }
 
     /// The solution with the estimator's covariance in the place of the likelihood's, and the limits of

@@ -144,27 +144,40 @@ fn a_pose_beside_a_better_one_is_refused() {
 }
 
 #[test]
-fn a_pose_that_hardly_meets_a_point_is_no_rival() {
-    let mut free_count = 0;
-    for seed in 31_000..31_010 {
-        let case = trial(&Conditions::MISSES, seed);
-        let data = Prepared::new(&case.problem);
-        let found = likely_motions(&case.problem)[0];
-        // Poses all over the room, most of which carry no point upon another.
-        let others: Vec<Motion> = (0..200)
-            .map(|index| {
-                let (row, column) = (f64::from(index / 20), f64::from(index % 20));
-                Motion::new(2.0 * row - 10.0, column - 10.0, 0.7 * f64::from(index))
-            })
-            .collect();
-        let decision = DecisionConfig::default();
+fn what_the_points_leave_as_open_as_before_is_not_fixed() {
+    let (data, motion) = even_problem();
+    let good = fixed(&data, motion).unwrap();
+    let decision = DecisionConfig::default();
+    let judged = Case { data: &data, given_period_count: 8, decision: &decision };
+    let is_fixed = |sigmas: [f64; 3]| {
+        let covariance = Matrix3::from_diagonal(&nalgebra::Vector3::from(sigmas.map(|s| s * s)));
+        judged.is_fixed(&Mode { covariance, ..good.clone() })
+    };
+    assert!(judged.is_fixed(&good));
+    // The square is 20 m to each side; a heading of which nothing is known has π/√3 = 1.814.
+    assert!(is_fixed([19.0, 19.0, 1.8]));
+    assert!(!is_fixed([0.1, 21.0, 0.1]) && !is_fixed([0.1, 0.1, 1.82]));
+    assert!(!is_fixed([f64::NAN, 0.1, 0.1]) && !is_fixed([0.1, 0.1, f64::NAN]));
+}
+
+#[test]
+fn sectors_in_which_a_swarm_found_nothing_are_no_rivals() {
+    use super::super::{Swarm, SwarmConfig};
+    let config = SwarmConfig { particle_count: 100, iteration_count: 60, ..SwarmConfig::default() };
+    let decision = DecisionConfig::default();
+    let swarm = Swarm::new(config, decision.clone());
+    let (mut open_count, mut free_count) = (0, 0);
+    for seed in 31_000..31_008 {
+        let problem = trial(&Conditions::MISSES, seed).problem;
+        let data = Prepared::new(&problem);
         let judged = Case { data: &data, given_period_count: 8, decision: &decision };
+        let (found, sectors) = (likely_motions(&problem)[0], swarm.motions(&data));
         let is_free =
-            |motion: &Motion| refine(&data, *motion).is_some_and(|mode| !judged.is_fixed(&mode));
-        free_count += others.iter().filter(|motion| is_free(motion)).count();
-        let solution = judged.judge(&found, &others, |_| None);
-        assert_eq!(solution.outcome, Outcome::Determined, "{seed}: {:?}", solution.evidence);
+            |motion: &&Motion| refine(&data, **motion).is_some_and(|mode| !judged.is_fixed(&mode));
+        free_count += sectors.iter().filter(is_free).count();
+        let outcome = judged.judge(&found, &sectors, |_| None).outcome;
+        open_count += usize::from(outcome != Outcome::Determined);
     }
-    println!("{free_count} poses free");
-    assert!(free_count > 20, "{free_count}: nothing was tried");
+    println!("{free_count} sectors without a pose, {open_count} poses open");
+    assert!(free_count > 0 && open_count == 0, "{free_count} {open_count}");
 }
