@@ -59,9 +59,9 @@ pub(crate) fn score(scenario: &Scenario, node: &NodePlan, seen: &Seen) -> NodeSc
     let pose: Option<Se2<Ref, Node>> = transform.map(|t| t.pose_ref_from_node.into());
     let errors = pose.map(|pose| errors(&pose, &truth));
     let bounds = scenario.bounds.of(&node.id);
-    let is_near = |errors: Errors| {
-        let angle_deg = errors.angle_rad.abs().to_degrees();
-        errors.position_m <= bounds.position_m && angle_deg <= bounds.angle_deg
+    let is_near = |off: Errors| {
+        let angle_deg = off.angle_rad.abs().to_degrees();
+        off.position_m <= bounds.position_m && angle_deg <= bounds.angle_deg
     };
     // A pose that its own centre doubts, or of a node that it does not hear, is no result.
     let is_live = seen.line.as_ref().is_some_and(|line| line.state == NodeState::Live);
