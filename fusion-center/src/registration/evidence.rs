@@ -442,8 +442,8 @@ mod tests {
         for seed in 0..TRIAL_COUNT {
             let (lasting, covariance) = meetings(&sizes, |_| 1, seed);
             mean += score_ratio(&lasting, &covariance) / TRIAL_COUNT as f64;
-            let (fair, covariance) = meetings(&sizes, |size| size, seed);
-            fair_count += u64::from(score_ratio(&fair, &covariance) <= 1.0);
+            let (fair, of_fair) = meetings(&sizes, |size| size, seed);
+            fair_count += u64::from(score_ratio(&fair, &of_fair) <= 1.0);
         }
         // The fit's variance is Σ n² / (Σ n)² and not 1 / Σ n: 36.1 times that. It is told by 24.9
         // equal meetings, for which 4 / 24.9 of it is added. One trial spreads by a sixth.
