@@ -52,7 +52,8 @@ pub struct WorkConfig {
 pub struct MonitorConfig {
     /// Newest periods whose points are compared; 0 switches the monitor off.
     pub window_count: usize,
-    /// Smallest chi-square (three degrees of freedom) of a correction for which a node is suspect.
+    /// Smallest chi-square (three degrees of freedom) of a change for which a node is
+    /// suspect.
     pub min_chi_square: f64,
     /// Points of two nodes that lie farther apart than this, metres, are not compared.
     pub gate_m: f64,
@@ -123,7 +124,7 @@ impl Default for WorkConfig {
 
 impl Default for MonitorConfig {
     fn default() -> Self {
-        Self { window_count: 20, min_chi_square: 30.0, gate_m: 1.0 }
+        Self { window_count: 20, min_chi_square: 28.0, gate_m: 1.0 }
     }
 }
 

@@ -63,11 +63,12 @@ struct RunFlags {
     /// Folder of a recording: extrinsics.json and one file of detections per node.
     #[arg(long, value_name = "FOLDER")]
     recording: Option<PathBuf>,
-    /// Kill a process without warning: WHO@SECONDS, such as centre@2.5; may be repeated.
+    /// Kill a process without warning: WHO@SECONDS, such as centre@2.5, in seconds on the wall (not
+    /// of the scene) after the first period; may be repeated.
     #[arg(long = "kill", value_name = "WHO@SECONDS")]
     kills: Vec<Kill>,
     /// Move a node of a simulated scenario: NODE@SECOND:DX,DY,TURN_DEG in scene time and the
-    /// world's frame, such as n2@20:0.15,0,3; may be repeated.
+    /// world's frame, such as n2@20:0.15,0,3, within the scene's length; may be repeated.
     #[arg(long = "move", value_name = "NODE@SECOND:DX,DY,TURN_DEG")]
     moves: Vec<NodeMove>,
     /// Where the run's files go; a new folder below runs/ if left out.

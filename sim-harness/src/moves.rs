@@ -20,6 +20,23 @@ pub struct NodeMove {
     pub turn_deg: f64,
 }
 
+impl NodeMove {
+    /// Checks that the move happens within a scene that lasts until `end_s`, or without end.
+    ///
+    /// # Errors
+    /// If it is before the start, or when all is over.
+    pub fn check_time(&self, end_s: Option<f64>) -> anyhow::Result<()> {
+        let end_s = end_s.unwrap_or(f64::INFINITY);
+        ensure!(
+            0.0 <= self.at_s && self.at_s < end_s,
+            "move {}: the scene has no second {}; it lasts from 0 to {end_s} s of scene time",
+            String::from(self.clone()),
+            self.at_s
+        );
+        Ok(())
+    }
+}
+
 impl TryFrom<String> for NodeMove {
     type Error = anyhow::Error;
 
@@ -47,5 +64,30 @@ impl std::str::FromStr for NodeMove {
         ensure!(numbers.iter().all(|number| number.is_finite()), form);
         let [at_s, dx_m, dy_m, turn_deg] = numbers[..] else { anyhow::bail!(form) };
         Ok(Self { node: node.parse()?, at_s, dx_m, dy_m, turn_deg })
+    }
+}
+
+#[cfg(test)]
+mod rehearsal;
+
+#[cfg(test)]
+mod tests {
+    use crate::scenario::find;
+
+    #[test]
+    fn a_move_outside_of_the_scene_is_refused_with_the_times_that_are_possible() {
+        // The paper's scene lasts for 8 periods of 1 s.
+        let refused = |text: &str| {
+            let mut scenario = find("paper").unwrap();
+            let end_s = scenario.period_s * scenario.period_count.unwrap() as f64;
+            scenario.moves = vec![text.parse().unwrap()];
+            scenario.resolve().err().map(|error| (format!("{error:#}"), end_s))
+        };
+        for text in ["n2@-1:0.1,0,3", "n2@1000:0.1,0,3"] {
+            let (error, end_s) = refused(text).unwrap();
+            assert!(error.contains(text), "{error}");
+            assert!(error.contains(&format!("from 0 to {end_s} s")), "{error}");
+        }
+        assert_eq!(refused("n2@0:0.1,0,3"), None);
     }
 }

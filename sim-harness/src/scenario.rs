@@ -12,9 +12,10 @@ use serde::{Deserialize, Serialize};
 use crate::moves::NodeMove;
 
 /// The scenarios that come with the program.
-const SHIPPED: [(&str, &str); 6] = [
+const SHIPPED: [(&str, &str); 7] = [
     ("paper", include_str!("../scenarios/paper.toml")),
     ("office", include_str!("../scenarios/office.toml")),
+    ("moved-node", include_str!("../scenarios/moved-node.toml")),
     ("recorded", include_str!("../scenarios/recorded.toml")),
     ("load", include_str!("../scenarios/load.toml")),
     ("paper-physical", include_str!("../scenarios/paper-physical.toml")),
@@ -288,10 +289,12 @@ impl Scenario {
             ensure!(known, "kill {who}: not a node of scenario {name}, and not `centre`");
         }
         self.moves.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
-        for NodeMove { node, .. } in &self.moves {
+        for one in &self.moves {
             ensure!(self.recording.is_none(), "scenario {name}: a recording has no moves");
-            let is_node = self.nodes.iter().any(|plan| plan.id == *node);
-            ensure!(is_node, "move {node}: not a node of scenario {name}");
+            let is_node = self.nodes.iter().any(|plan| plan.id == one.node);
+            ensure!(is_node, "move {}: not a node of scenario {name}", one.node);
+            let end_s = self.period_count.map(|count| count as f64 * period_s);
+            one.check_time(end_s).with_context(|| format!("scenario {name}"))?;
         }
         Ok(self)
     }

@@ -6,6 +6,8 @@
 //! of freedom where nothing changed. A person who is hidden from one side loses partners on the
 //! other side only, so the weaker of both sides' G counts, and both must still see as much as before.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix2, Vector2};
 
 use super::{Placement, WALK_M_PER_S};
@@ -93,7 +95,11 @@ pub(super) fn began(met: &[Met]) -> Option<i64> {
         let [(k0, n0), (k1, n1)] = one.sides;
         (one.period, (n0 + n1) - 2.0 * (k0 + k1))
     };
-    super::change(&met.iter().map(missing).collect())
+    let mut of_periods = BTreeMap::new();
+    for (period, count) in met.iter().map(missing) {
+        *of_periods.entry(period).or_default() += count;
+    }
+    super::change(&of_periods)
 }
 
 #[cfg(test)]

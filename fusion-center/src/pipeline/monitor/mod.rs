@@ -1,16 +1,18 @@
 //! Whether a registered node was moved: do its points still meet those of the others?
 //!
-//! Every closed period, every pair of registered nodes is asked for the small correction of their
-//! relative pose that its newest points want (`fit`). A correction that neither the poses'
-//! covariances nor the points' errors explain is an alarm. Whom it means follows from all pairs: a
-//! node that moved disagrees with everybody, and the others go on agreeing with each other. Between
-//! two nodes nobody can tell; the reference stands by definition.
+//! Every closed period, every pair of registered nodes is asked which change of their relative pose
+//! the newest points of several spans want, beside what the periods before wanted (`fit`). A single
+//! pair of people seen by a real radar says little in a second or two: a person's place is known to
+//! a decimetre, and its errors last about a second. So what all pairs of a node say is added up
+//! (`case`), and the node that was moved is the one whose pairs say most (`blame`). Between two nodes nobody can tell; the reference stands by
+//! definition.
 //!
-//! How much longer than a period errors last is learned: two corrections from neighbouring windows
-//! under the same poses differ by chance alone, so their squared distance in units of the stated
-//! covariance is the factor by which the data say less than stated.
+//! How much longer than a period errors last is learned for each pair too: two changes from
+//! neighbouring windows under the same poses differ by chance alone, so their squared distance in
+//! units of the stated covariance is the factor by which the data say less than stated.
 
 mod blame;
+mod case;
 mod fit;
 mod lost;
 
@@ -25,26 +27,37 @@ use super::pairs::Pair;
 use crate::config::MonitorConfig;
 use crate::gather::{Gather, KeptSet};
 use blame::Blame;
+use case::Case;
 use fit::{Candidate, Correction, Prior, Sighted, Weighted};
 use lost::Met;
 
-/// Part of the window that is looked at by itself too, so that a large move shows sooner.
-const SHORT_SHARE: f64 = 0.4;
-/// A pair that would have raised the alarm at a shift of this much, metres, and has less than this
-/// share of an alarm's chi-square, is known to be quiet.
-const QUIET_SHIFT_M: f64 = 0.15;
-const QUIET_SHARE: f64 = 0.3;
-/// Windows before the newest that say what was right before, beside the poses in force: what they
-/// miss by needs no explanation now.
-const OLDER_WINDOWS: i64 = 3;
+/// Lengths, in windows, of the spans of newest periods that are looked at: a short one, so that a
+/// large move shows soon, and a long one, so that a small one shows at all.
+const SPANS: [f64; 3] = [0.4, 1.0, 2.0];
+const WHOLE: usize = 1;
+/// By how much longer spans are louder in quiet times than what each pair has learned from
+/// neighbouring windows explains: errors that last. Tuned on 12 runs of simulated radars at 2, 4 and
+/// 10 periods a second, where the mean chi-squares of the spans were 3.2, 3.6 and 3.8, and at 10
+/// periods a second 3.3, 4.2 and 5.2.
+const LOUDNESS: [f64; SPANS.len()] = [1.0, 1.0, 1.4];
+/// Windows looked at in all: those before a span say what was right before, beside the poses in
+/// force, and what they miss by needs no explanation now.
+const REACH: i64 = 6;
+/// Periods by which the oldest common points may be younger than what a span asks for.
+const SLACK_PERIODS: i64 = 5;
+/// A change of a pair of which this is the chi-square is looked at often.
+const STIRRED: f64 = 12.0;
+/// Part of an alarm's chi-square from which on a pair's loss counts.
+const LOSS_SHARE: f64 = 0.4;
 /// Pairs looked at in one period; where there are more, they take turns.
 const PAIRS_PER_PERIOD: usize = 64;
 /// Of them, pairs in alarm that go before their turn, so that whom the alarm means is known soon.
 const ALARMS_PER_PERIOD: usize = 32;
 /// What is believed of the errors' duration before anything is learned, in windows' worth of trust,
-/// and how many windows are remembered. Errors that last half a second at 10 periods a second gave
-/// 1.1 to 4.4 in tests.
-const FIRST_INFLATION: f64 = 2.0;
+/// and how many windows are remembered. Through the real chain 1 to 4 is learned. Less than one is
+/// right where the repetition that is assumed for all points is not there.
+const FIRST_INFLATION: f64 = 1.5;
+const MIN_INFLATION: f64 = 0.5;
 const FIRST_TRUST: f64 = 2.0;
 const MAX_TRUST: f64 = 30.0;
 /// One window counts at most this many times what is believed.
@@ -82,28 +95,27 @@ pub(super) struct Moved {
 
 /// What the newest look at a pair says.
 #[derive(Clone, Copy, Debug)]
-enum Verdict {
-    /// Too little to say anything.
-    Unknown,
-    /// The pair agrees, and would not if one of the two had moved.
-    Quiet,
-    /// The pair disagrees by this correction of the second's pose.
-    Alarm(Correction),
-    /// Next to nothing meets any more; this is the chi-square of the loss.
-    Lost(f64),
-}
-
-#[derive(Clone, Copy, Debug)]
 struct Watch {
     inflation: f64,
     trust: f64,
     learned_at: i64,
-    verdict: Verdict,
-    /// The larger one of the newest look.
-    #[cfg(test)]
+    /// What the newest periods of each length say of a change.
+    changes: [Option<Correction>; SPANS.len()],
+    /// Next to nothing meets any more: the chi-square of the loss.
+    loss: Option<f64>,
+    /// The correction that was right before each of them.
+    expected: [Vector3<f64>; SPANS.len()],
+}
+
+/// What a node's pairs say of each span.
+type Cases = [Case; SPANS.len()];
+
+/// What a node's pairs say most clearly.
+struct Spoken<'a> {
+    node: &'a NodeId,
+    span: usize,
+    case: &'a Case,
     chi_square: f64,
-    /// The correction that was right before.
-    expected: Vector3<f64>,
 }
 
 /// The monitor's state.
@@ -121,17 +133,20 @@ pub(super) struct Monitor {
 
 impl Watch {
     fn new(period: i64) -> Self {
-        let (inflation, trust) = (FIRST_INFLATION, FIRST_TRUST);
-        let (verdict, expected) = (Verdict::Unknown, Vector3::zeros());
         Self {
-            inflation,
-            trust,
+            inflation: FIRST_INFLATION,
+            trust: FIRST_TRUST,
             learned_at: period,
-            verdict,
-            #[cfg(test)]
-            chi_square: 0.0,
-            expected,
+            changes: [None; SPANS.len()],
+            loss: None,
+            expected: [Vector3::zeros(); SPANS.len()],
         }
+    }
+
+    /// Whether a change by chance alone is unlikely, so that the pair is looked at often.
+    fn is_stirred(&self) -> bool {
+        let stirs = |one: &Correction| STIRRED <= one.change;
+        self.loss.is_some() || self.changes.iter().flatten().any(stirs)
     }
 
     /// Takes in by how much two windows differ, squared and over its expectation.
@@ -168,9 +183,30 @@ impl Monitor {
         for pair in self.due() {
             self.look_at(site, &pair, period);
         }
-        let verdicts = self.watches.iter().map(|(pair, watch)| (pair, &watch.verdict));
-        let node = self.blame.decide(verdicts, site.reference, period)?;
-        self.moved(site, &node, period)
+        let (cases, limit) = (self.cases(site), self.config.min_chi_square);
+        let spoken: Vec<Spoken<'_>> = cases.iter().map(|(node, of)| spoken(node, of)).collect();
+        let chi_squares: Vec<(&NodeId, f64)> =
+            spoken.iter().map(|one| (one.node, one.chi_square)).collect();
+        let node = self.blame.decide(&chi_squares, (site.reference, limit), period)?;
+        let loudest = spoken.iter().find(|one| *one.node == node)?;
+        self.moved(site, loudest, period)
+    }
+
+    /// Of every node, what its pairs say together of each span.
+    fn cases<'a>(&self, site: &'a Site<'_>) -> BTreeMap<&'a NodeId, Cases> {
+        let mut cases: BTreeMap<&NodeId, Cases> = BTreeMap::new();
+        let heard = self
+            .watches
+            .iter()
+            .flat_map(|(pair, watch)| [&pair.first, &pair.second].map(|node| (node, pair, watch)));
+        for (node, pair, watch) in heard {
+            let Some((node, _)) = site.placements.get_key_value(node) else { continue };
+            let Some(carried) = site.carried(node, pair) else { continue };
+            for (case, said) in cases.entry(node).or_default().iter_mut().zip(&watch.changes) {
+                case.add(watch.loss, said.as_ref(), &carried);
+            }
+        }
+        cases
     }
 
     /// Notes which nodes are placed: only where that changes are all pairs gone through.
@@ -185,8 +221,7 @@ impl Monitor {
 
     /// The pairs to look at now: those in alarm, then whose turn it is.
     fn due(&mut self) -> Vec<Pair> {
-        let is_alarm = |watch: &Watch| matches!(watch.verdict, Verdict::Alarm(_));
-        let alarms = self.watches.iter().filter(|(_, watch)| is_alarm(watch));
+        let alarms = self.watches.iter().filter(|(_, watch)| watch.is_stirred());
         let alarms: Vec<&Pair> = alarms.map(|(pair, _)| pair).collect();
         let (from, count) = (self.alarm_turn, alarms.len().min(ALARMS_PER_PERIOD));
         let first = alarms.iter().cycle().skip(from % alarms.len().max(1)).take(count);
@@ -208,108 +243,117 @@ impl Monitor {
     /// What is known of a node's pairs no longer holds.
     pub(super) fn forget(&mut self, node: &NodeId) {
         for (_, watch) in self.watches.iter_mut().filter(|(pair, _)| pair.has(node)) {
-            watch.verdict = Verdict::Unknown;
+            (watch.changes, watch.loss) = ([None; SPANS.len()], None);
         }
     }
 
     fn look_at(&mut self, site: &Site<'_>, pair: &Pair, period: i64) {
-        let window = self.window();
         let watch = *self.watches.entry(pair.clone()).or_insert_with(|| Watch::new(period));
-        let gate_m = self.config.gate_m;
-        let seen = site.seen(pair, period - window, period, gate_m);
         let Some((in_force, sigma_m)) = site.prior(pair, period, watch.inflation) else { return };
-        let first = period - (1 + OLDER_WINDOWS) * window;
-        let before = site.seen(pair, first, period - window, gate_m);
-        let prior = in_force.after(&Weighted::new(&before, sigma_m)).unwrap_or(in_force);
-        #[expect(clippy::cast_possible_truncation, reason = "a share of a small count")]
-        let recent = (SHORT_SHARE * window as f64).ceil() as i64;
-        let first_recent = seen.partition_point(|one| one.period <= period - recent);
-        let fit = |of: &[Sighted]| Weighted::new(of, sigma_m).fit(&prior);
-        let whole = fit(&seen);
-        let short = fit(&seen[first_recent..]);
-        let met = site.met(pair, first, period);
-        let loss =
-            lost::loss(&met, period - recent).filter(|loss| self.config.min_chi_square <= *loss);
-        let verdict = loss.map_or_else(|| self.verdict(whole, short), Verdict::Lost);
-        let newest = Weighted::new(&seen, sigma_m);
-        let in_force = Prior { inflation: 1.0, ..in_force };
-        let learned = self.learned(&watch, (&before, &newest, &in_force), (whole, period));
-        #[cfg(test)]
-        let chi_square =
-            whole.into_iter().chain(short).map(|one| one.chi_square).fold(0.0, f64::max);
-        let expected = prior.correction();
-        let kept = Watch {
-            verdict,
-            expected,
-            #[cfg(test)]
-            chi_square,
-            ..learned.unwrap_or(watch)
+        let window = self.window();
+        let first = period - REACH * window;
+        let all = site.seen(pair, first, period, self.config.gate_m);
+        let split =
+            |count: i64| all.split_at(all.partition_point(|one| one.period <= period - count));
+        let prior = |count: i64| {
+            let before = Weighted::new(split(count).0, sigma_m);
+            in_force.after(&before).unwrap_or(in_force)
         };
+        // The short span has the whole window's: what came between says nothing new of it.
+        let of_whole = prior(window);
+        let priors = std::array::from_fn(|index| match index {
+            0 | WHOLE => of_whole,
+            _ => prior(self.span(index)),
+        });
+        let oldest = all.first().map_or(period, |one| one.period);
+        let fit = |index: usize| {
+            // Without enough of before, what was right before is not known well enough.
+            let is_known = oldest + 2 * window <= period - self.span(index) + SLACK_PERIODS;
+            let newest = || Weighted::new(split(self.span(index)).1, sigma_m);
+            is_known.then(newest)?.fit(&priors[index])
+        };
+        let changes = std::array::from_fn(fit);
+        let met = site.met(pair, first, period);
+        let loss = lost::loss(&met, period - self.span(0));
+        let loss = loss.filter(|loss| LOSS_SHARE * self.config.min_chi_square <= *loss);
+        let learned = self.learned(&watch, (&all, sigma_m, &in_force), (changes[WHOLE], period));
+        let expected = priors.map(|known: Prior| known.correction());
+        let kept = Watch { changes, loss, expected, ..learned.unwrap_or(watch) };
         self.watches.insert(pair.clone(), kept);
     }
 
-    fn verdict(&self, whole: Option<Correction>, short: Option<Correction>) -> Verdict {
-        let limit = self.config.min_chi_square;
-        let found = whole.into_iter().chain(short);
-        let worst = found.max_by(|one, other| one.chi_square.total_cmp(&other.chi_square));
-        match (worst, whole) {
-            (Some(worst), _) if limit <= worst.chi_square => Verdict::Alarm(worst),
-            (Some(worst), Some(whole))
-                if worst.chi_square < QUIET_SHARE * limit
-                    && whole.blind_m * limit.sqrt() < QUIET_SHIFT_M =>
-            {
-                Verdict::Quiet
-            }
-            _ => Verdict::Unknown,
-        }
+    /// Periods in the span of this number.
+    fn span(&self, index: usize) -> i64 {
+        #[expect(clippy::cast_possible_truncation, reason = "a share of a small count")]
+        let span = (SPANS[index] * self.window() as f64).ceil() as i64;
+        span
     }
 
     /// The watch after two whole windows in which nothing stirred.
     fn learned(
         &self,
         watch: &Watch,
-        (before, recent, in_force): (&[Sighted], &Weighted<'_>, &Prior),
+        (all, sigma_m, in_force): (&[Sighted], [f64; 2], &Prior),
         (whole, period): (Option<Correction>, i64),
     ) -> Option<Watch> {
         let window = self.window();
-        let is_stirred = self.config.min_chi_square <= whole?.chi_square;
+        let is_stirred = self.config.min_chi_square <= whole?.change;
         if is_stirred || period < watch.learned_at + window {
             return None;
         }
-        let first = before.partition_point(|one| one.period <= period - 2 * window);
-        let previous = Weighted::new(&before[first..], recent.offset_sigma_m);
-        let change = recent.fit(&in_force.after(&previous)?)?.change;
+        let from = |count: i64| all.partition_point(|one| one.period <= period - count);
+        let previous = Weighted::new(&all[from(2 * window)..from(window)], sigma_m);
+        let recent = Weighted::new(&all[from(window)..], sigma_m);
+        let stated = Prior { inflation: 1.0, ..*in_force };
+        let change = recent.fit(&stated.after(&previous)?)?.change;
         let mut learned = Watch { learned_at: period, ..*watch };
         learned.learn(change / 3.0);
-        learned.inflation = learned.inflation.max(1.0);
+        learned.inflation = learned.inflation.max(MIN_INFLATION);
         Some(learned)
     }
 
-    fn moved(&self, site: &Site<'_>, node: &NodeId, period: i64) -> Option<Moved> {
-        let alarms = self.watches.iter().filter(|(pair, _)| pair.has(node));
+    fn moved(&self, site: &Site<'_>, spoken: &Spoken<'_>, period: i64) -> Option<Moved> {
+        let Spoken { node, span, case, chi_square } = *spoken;
+        let own = self.watches.iter().filter(|(pair, _)| pair.has(node));
+        let first = period - self.span(SPANS.len() - 1) - self.window();
+        if case.is_lost() {
+            let lost = own.filter(|(_, watch)| watch.loss.is_some());
+            let met: Vec<Met> = lost.flat_map(|(pair, _)| site.met(pair, first, period)).collect();
+            // How far it was moved cannot be told from points that no longer meet.
+            let correction = Vector3::zeros();
+            return Some(Moved {
+                node: node.clone(),
+                began: lost::began(&met)?,
+                correction,
+                chi_square,
+            });
+        }
+        let correction = case.change()?;
         let mut gains: BTreeMap<i64, f64> = BTreeMap::new();
-        let mut worst: Option<(f64, Vector3<f64>)> = None;
-        for (pair, watch) in alarms {
-            if let Verdict::Lost(loss) = watch.verdict {
-                let met = site.met(pair, period - 2 * self.window(), period);
-                // How far it was moved cannot be told from points that no longer meet.
-                let correction = Vector3::zeros();
-                let (node, began) = (node.clone(), lost::began(&met)?);
-                return Some(Moved { node, began, correction, chi_square: loss });
-            }
-            let Verdict::Alarm(alarm) = watch.verdict else { continue };
-            let seen = site.seen(pair, period - 2 * self.window(), period, self.config.gate_m);
+        for (pair, watch) in own.filter(|(_, watch)| watch.changes[span].is_some()) {
+            let seen = site.seen(pair, first, period, self.config.gate_m);
             let (_, sigma_m) = site.prior(pair, period, watch.inflation)?;
-            for (at, gain) in Weighted::new(&seen, sigma_m).gains(&alarm.value, &watch.expected) {
+            let expected = watch.expected[span];
+            let value = expected + site.carried(node, pair)? * correction;
+            for (at, gain) in Weighted::new(&seen, sigma_m).gains(&value, &expected) {
                 *gains.entry(at).or_default() += gain;
             }
-            if worst.is_none_or(|(chi_square, _)| chi_square < alarm.chi_square) {
-                worst = Some((alarm.chi_square, site.correction_of(node, pair, &alarm.value)?));
-            }
         }
-        let (chi_square, correction) = worst?;
         Some(Moved { node: node.clone(), began: change(&gains)?, correction, chi_square })
     }
+}
+
+/// The span over which a node's pairs say most.
+fn spoken<'a>(node: &'a NodeId, cases: &'a Cases) -> Spoken<'a> {
+    let of_span = |(span, case): (usize, &'a Case)| {
+        let chi_square = case.chi_square(LOUDNESS[span]);
+        Spoken { node, span, case, chi_square }
+    };
+    let first = of_span((0, &cases[0]));
+    let louder = |best: Spoken<'a>, one| {
+        if best.chi_square < of_span(one).chi_square { of_span(one) } else { best }
+    };
+    cases.iter().enumerate().fold(first, louder)
 }
 
 /// The period from which on the gains add up to most: where the correction began to hold.
@@ -376,9 +420,7 @@ impl Site<'_> {
     /// What the poses in force say of a pair, and the standard deviations of its half depths.
     fn prior(&self, pair: &Pair, period: i64, inflation: f64) -> Option<(Prior, [f64; 2])> {
         let (one, other) = self.both(pair)?;
-        // Moving the first node is moving the second the other way, as seen from the first.
-        let arm_m = other.pose.translation_m() - one.pose.translation_m();
-        let carried = carried_by_pose(&arm_m);
+        let carried = self.carried(&pair.first, pair)?;
         let pose = other.covariance + carried * one.covariance * carried.transpose();
         let sigma_m = |node: &NodeId| {
             let sets = self.gather.node(node).map(|history| history.sets());
@@ -389,20 +431,15 @@ impl Site<'_> {
         Some((Prior::of_poses(&pose, offset_sigma_m, inflation), offset_sigma_m))
     }
 
-    /// The correction of a pair's second node, as one of `node`, which is either of the two.
-    fn correction_of(
-        &self,
-        node: &NodeId,
-        pair: &Pair,
-        second: &Vector3<f64>,
-    ) -> Option<Vector3<f64>> {
+    /// The change of a pair's second node that does the same as a change of `node`, which is either
+    /// of the two: moving the first is moving the second the other way.
+    fn carried(&self, node: &NodeId, pair: &Pair) -> Option<Matrix3<f64>> {
         if *node == pair.second {
-            return Some(*second);
+            return Some(Matrix3::identity());
         }
         let (one, other) = self.both(pair)?;
         let arm_m = other.pose.translation_m() - one.pose.translation_m();
-        let turned_m = Vector2::new(-arm_m.y, arm_m.x) * second.z;
-        Some(Vector3::new(turned_m.x - second.x, turned_m.y - second.y, -second.z))
+        Some(-carried_by_pose(&arm_m))
     }
 }
 

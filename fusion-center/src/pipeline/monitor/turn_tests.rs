@@ -17,13 +17,8 @@ fn crowd(count: usize) -> Monitor {
     monitor
 }
 
-fn alarm() -> Verdict {
-    Verdict::Alarm(Correction {
-        value: Vector3::zeros(),
-        chi_square: 99.0,
-        blind_m: 0.0,
-        change: 0.0,
-    })
+fn alarmed_watch() -> Watch {
+    Watch { loss: Some(99.0), ..Watch::new(0) }
 }
 
 #[test]
@@ -32,7 +27,7 @@ fn pairs_in_alarm_are_looked_at_in_every_period_and_all_in_turns() {
     let pair_count = 40 * 39 / 2;
     assert_eq!(monitor.pairs.len(), pair_count);
     let alarmed = Pair { first: node(0), second: node(7) };
-    monitor.watches.insert(alarmed.clone(), Watch { verdict: alarm(), ..Watch::new(0) });
+    monitor.watches.insert(alarmed.clone(), alarmed_watch());
     let mut seen = BTreeSet::new();
     let period_count = pair_count.div_ceil(PAIRS_PER_PERIOD - 1);
     for _ in 0..period_count {
@@ -49,7 +44,7 @@ fn many_alarms_leave_room_for_the_others_and_take_turns_too() {
     let mut monitor = crowd(40);
     let alarmed: Vec<Pair> = monitor.pairs.iter().take(70).cloned().collect();
     for pair in &alarmed {
-        monitor.watches.insert(pair.clone(), Watch { verdict: alarm(), ..Watch::new(0) });
+        monitor.watches.insert(pair.clone(), alarmed_watch());
     }
     let mut seen = BTreeSet::new();
     for _ in 0..70_usize.div_ceil(ALARMS_PER_PERIOD) {
