@@ -195,14 +195,13 @@ impl Monitor {
     /// Of every node, what its pairs say together of each span.
     fn cases<'a>(&self, site: &'a Site<'_>) -> BTreeMap<&'a NodeId, Cases> {
         let mut cases: BTreeMap<&NodeId, Cases> = BTreeMap::new();
-        let heard = self
+        let sides = self
             .watches
             .iter()
-            .flat_map(|(pair, watch)| [&pair.first, &pair.second].map(|node| (node, pair, watch)));
-        for (node, pair, watch) in heard {
-            let Some((node, _)) = site.placements.get_key_value(node) else { continue };
-            let Some(carried) = site.carried(node, pair) else { continue };
-            for (case, said) in cases.entry(node).or_default().iter_mut().zip(&watch.changes) {
+            .flat_map(|(pair, watch)| site.ends(pair).map(move |end| (end, watch)));
+        for ((node, carried), watch) in sides {
+            let of_node = cases.entry(node).or_default();
+            for (case, said) in of_node.iter_mut().zip(&watch.changes) {
                 case.add(watch.loss, said.as_ref(), &carried);
             }
         }
@@ -277,7 +276,7 @@ impl Monitor {
         let loss = lost::loss(&met, period - self.span(0));
         let loss = loss.filter(|loss| LOSS_SHARE * self.config.min_chi_square <= *loss);
         let learned = self.learned(&watch, (&all, sigma_m, &in_force), (changes[WHOLE], period));
-        let expected = priors.map(|known: Prior| known.correction());
+        let expected = priors.map(|of_span: Prior| of_span.correction());
         let kept = Watch { changes, loss, expected, ..learned.unwrap_or(watch) };
         self.watches.insert(pair.clone(), kept);
     }
@@ -429,6 +428,14 @@ impl Site<'_> {
         };
         let offset_sigma_m = [sigma_m(&pair.second), sigma_m(&pair.first)];
         Some((Prior::of_poses(&pose, offset_sigma_m, inflation), offset_sigma_m))
+    }
+
+    /// The pair's nodes that are placed, each with its [`Self::carried`].
+    fn ends<'a>(&'a self, pair: &Pair) -> impl Iterator<Item = (&'a NodeId, Matrix3<f64>)> {
+        [&pair.first, &pair.second].into_iter().filter_map(move |name| {
+            let (node, _) = self.placements.get_key_value(name)?;
+            Some((node, self.carried(node, pair)?))
+        })
     }
 
     /// The change of a pair's second node that does the same as a change of `node`, which is either
