@@ -211,9 +211,10 @@ fn errors_that_last_half_a_second_raise_no_alarm_either() {
     assert!(1.3 * of_fresh < inflation, "that they last is learned: {of_fresh}, {inflation}");
 }
 
-/// What a correction's turn may be off, degrees: three standard deviations of what some eight periods
-/// of three people tell, which suffice for the alarm.
-const TURN_TOLERANCE_DEG: f64 = 2.5;
+/// How far from where the true move carries them a correction may carry people, metres: some eight
+/// periods suffice for an alarm, and tell where people are to 0.03 m, but turn and shift apart only
+/// where people stand apart.
+const CARRIED_TOLERANCE_M: f64 = 0.1;
 
 /// The move of a node, seen from itself.
 const MOVES: [(f64, f64, f64); 3] = [(0.15, 0.0, 0.0), (0.0, 0.15, 0.0), (0.0, 0.0, 3.0)];
@@ -230,17 +231,23 @@ fn the_moved_node_is_meant_soon_and_its_move_is_measured() {
             }
             let (x_m, y_m, turn_deg) = move_;
             let step = Se2::<Node, Node>::new(x_m, y_m, turn_deg.to_radians());
+            let old = room.true_poses;
             room.true_poses[which] = room.true_poses[which] * step;
             let found = (0..40).find_map(|after| Some((after + 1, room.step()?)));
             let (after, moved) = found.unwrap_or_else(|| panic!("seed {seed}, {which}: unseen"));
             assert_eq!(moved.node, id(NODES[which]), "seed {seed}: {moved:?}");
             let off = moved.began - i64::try_from(before).unwrap();
             assert!(off.abs() <= 6, "seed {seed}, {which}: began {off} periods off");
-            let turned = moved.correction.z.to_degrees();
-            assert!(
-                (turned - turn_deg).abs() < TURN_TOLERANCE_DEG,
-                "seed {seed}, {which}: {moved:?}"
-            );
+            // Where the people's middle is carried, in the frame of the reference as it was.
+            let middle_m = room.people.at_m.iter().sum::<Vector2<f64>>() / 3.0;
+            let before_move: Se2<Node, Node> = old[0].inverse() * old[which];
+            let at = old[0].inverse() * Point::<World>::from_coords(middle_m);
+            let carried: Point<Node> = before_move * (step * (before_move.inverse() * at));
+            let arm_m = at.coords_m - before_move.translation_m();
+            let (x, y, turn) = (moved.correction.x, moved.correction.y, moved.correction.z);
+            let told_m = Vector2::new(x - turn * arm_m.y, y + turn * arm_m.x);
+            let off_m = (told_m - (carried.coords_m - at.coords_m)).norm();
+            assert!(off_m < CARRIED_TOLERANCE_M, "seed {seed}, {which}: {off_m} m, {moved:?}");
             late += usize::from(20 < after);
             count += 1;
         }
