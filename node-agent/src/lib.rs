@@ -13,3 +13,4 @@ pub mod recording;
 pub mod service;
 pub mod simulate;
 pub mod source;
+pub mod tracking;
