@@ -2,6 +2,8 @@
 //!
 //! Source: \[mean-shift\]. Two trackers stand behind one trait: that of the paper, and the default.
 
+pub mod experiments;
+
 use nalgebra::{Matrix4, Vector4};
 use proto::measured::MeasuredPoint;
 use proto::radar::Grid;
