@@ -3,6 +3,11 @@
 //! Source: \[mean-shift\]. Two trackers stand behind one trait: that of the paper, and the default.
 
 pub mod experiments;
+pub mod histogram;
+pub mod maxima;
+pub mod paper;
+pub mod shift;
+pub mod template;
 
 use nalgebra::{Matrix4, Vector4};
 use proto::measured::MeasuredPoint;

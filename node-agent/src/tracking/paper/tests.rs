@@ -1,0 +1,1 @@
+//! What the published tracker says of images that are known.
