@@ -53,7 +53,7 @@ impl Followed {
             id,
             template,
             centre_px,
-            updated: 1,
+            updated: 0,
             missed_count: 0,
             is_confirmed: false,
             likeness: 1.0,

@@ -109,19 +109,16 @@ fn print(name: &str, experiment: Experiment, score: &Score) {
 #[ignore = "minutes: the settings"]
 fn study_settings() {
     let plain = PaperConfig::default();
-    let mut settings = vec![("default", plain)];
-    settings.push(("never renewed", PaperConfig { renewal: Renewal::Never, ..plain }));
-    let even = crate::tracking::shift::Weighting::Even;
-    settings.push(("even", PaperConfig { weighting: even, ..plain }));
-    for (name, floor_factor) in [("floor 0", 0.0), ("floor 0.25", 0.25), ("floor 1", 1.0)] {
-        settings.push((name, PaperConfig { floor_factor, ..plain }));
-    }
-    for (name, peak_fraction) in [("peak 0.15", 0.15), ("peak 0.5", 0.5)] {
-        settings.push((name, PaperConfig { peak_fraction, ..plain }));
+    let mut settings = vec![("default".to_owned(), plain)];
+    for noise_factor in [2.0, 3.0] {
+        for floor_factor in [0.5, 1.0, 1.5, 2.0] {
+            let config = PaperConfig { noise_factor, floor_factor, ..plain };
+            settings.push((format!("noise {noise_factor} floor {floor_factor}"), config));
+        }
     }
     for (name, config) in settings {
         for experiment in Experiment::all() {
-            print(name, experiment, &runs(experiment, &config, 1..4));
+            print(&name, experiment, &runs(experiment, &config, 1..4));
         }
     }
 }
