@@ -6,7 +6,8 @@
 //! 0.57 m/s in experiments 1 to 4; in the second the person on the shorter walk goes twice).
 //! The scene is free space behind a wall that delays, and the chain takes the delay out exactly.
 //! Both people reflect alike at all ranges. The noise is such that a point target of a person's
-//! mean power has 15 dB in the image; what a person's fading and extent take off is not made up for.
+//! mean power has 15 dB in the image. Of the simulated people the mean of the peak power is then
+//! 14.6 dB above it, the median 13 dB, and 5 % of the peaks are below 6 dB: bodies fade.
 
 use nalgebra::Vector2;
 use rustfft::num_complex::Complex;
@@ -33,7 +34,7 @@ pub const DURATION_S: f64 = 14.0;
 pub const FRAME_S: f64 = 0.1;
 /// Frames of an experiment.
 pub const FRAME_COUNT: u32 = 140;
-/// Peak power of a point target over the noise in the image, decibels.
+/// Peak power of a point target over the noise in the image without weighting, decibels.
 pub const IMAGE_SNR_DB: f64 = 15.0;
 /// How far a person's middle lies behind what is seen of it, metres: see `target.half_depth_m`.
 pub const HALF_DEPTH_M: f64 = 0.1;
@@ -156,12 +157,12 @@ pub fn paper_chain() -> ChainConfig {
     in_the_room(ChainConfig { coherence, canceller, ..ChainConfig::default() })
 }
 
-/// What spoils the sweeps: white noise that leaves [`IMAGE_SNR_DB`] in the image, where the mean
-/// over the channels has averaged it.
+/// What spoils the sweeps: white noise that leaves `image_snr_db` in the image, where the mean over
+/// the channels has averaged it.
 #[must_use]
-pub fn disturbance() -> Disturbance {
+pub fn disturbance(image_snr_db: f64) -> Disturbance {
     let channel_count = Array::default().channel_count() as f64;
-    let snr_db = IMAGE_SNR_DB - 10.0 * channel_count.log10();
+    let snr_db = image_snr_db - 10.0 * channel_count.log10();
     Disturbance { noise: Noise::InBand { snr_db }, ..Disturbance::default() }
 }
 
@@ -182,6 +183,7 @@ pub struct Stage {
     experiment: Experiment,
     /// A chain that knows the empty room and has seen nothing else.
     chain: Chain,
+    image_snr_db: f64,
 }
 
 impl Stage {
@@ -195,7 +197,13 @@ impl Stage {
             let sample_count = config.array.channel_count() * config.band.step_count;
             chain.use_background(&vec![Complex::default(); sample_count])?;
         }
-        Ok(Self { experiment, chain })
+        Ok(Self { experiment, chain, image_snr_db: IMAGE_SNR_DB })
+    }
+
+    /// The same with another signal-to-noise ratio than [`IMAGE_SNR_DB`].
+    #[must_use]
+    pub fn at_snr_db(self, image_snr_db: f64) -> Self {
+        Self { image_snr_db, ..self }
     }
 
     /// Simulates the experiment with `seed` and shows every frame to `each`, one image in memory at
@@ -210,7 +218,8 @@ impl Stage {
     ) -> Result<(), ExperimentError> {
         let scene = self.experiment.scene();
         let pose = Se2::identity();
-        let simulator = EchoSimulator::new(&scene, pose, &radar(), &disturbance(), seed)?;
+        let spoilt = disturbance(self.image_snr_db);
+        let simulator = EchoSimulator::new(&scene, pose, &radar(), &spoilt, seed)?;
         let mut chain = self.chain.clone();
         for index in 0..FRAME_COUNT {
             let time_s = FRAME_S * f64::from(index);
@@ -296,9 +305,14 @@ mod tests {
         let mut snrs = Vec::new();
         for (experiment, seed) in Experiment::all().into_iter().zip(301..) {
             let scene = experiment.scene();
-            let simulator =
-                EchoSimulator::new(&scene, Se2::identity(), &radar(), &disturbance(), seed)
-                    .unwrap();
+            let simulator = EchoSimulator::new(
+                &scene,
+                Se2::identity(),
+                &radar(),
+                &disturbance(IMAGE_SNR_DB),
+                seed,
+            )
+            .unwrap();
             let mut chain = Chain::new(&paper_chain()).unwrap();
             for index in (0..FRAME_COUNT).step_by(4) {
                 let time_s = FRAME_S * f64::from(index);

@@ -171,7 +171,7 @@ impl Tracker for PaperTracker {
         let of_peak = crate::imaging::single(peak_fraction) * largest(frame.amplitude);
         let level =
             Level { peak: of_noise(noise_factor).max(of_peak), floor: of_noise(floor_factor) };
-        if let Some(Scale { rule, .. }) = self.scale.clone() {
+        if let Some(rule) = self.scale.as_ref().map(|scale| scale.rule) {
             self.shift_all(&raster, &rule, &place);
         }
         let end_count = self.config.end_count;
