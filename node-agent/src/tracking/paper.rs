@@ -133,7 +133,8 @@ impl PaperTracker {
         ellipse: &Ellipse,
         (level, place): (&Level, &Place),
     ) {
-        let bins = Bins { count: self.config.bin_count, top: peak.amplitude, floor: level.floor };
+        let bins =
+            Bins { count: self.config.bin_count, top: peak.amplitude, floor: level.bin_floor };
         let Some(template) = Template::new(raster, ellipse, bins) else { return };
         let is_owner = |track: &&mut Followed| {
             let stands_in_it = ellipse.distance2(&track.centre_px) < 1.0;
@@ -154,8 +155,10 @@ impl PaperTracker {
 struct Level {
     /// Maxima are larger.
     peak: f32,
-    /// Smaller ones are background.
+    /// Smaller ones count as nothing when a template grows.
     floor: f32,
+    /// Smaller ones go to the first bin.
+    bin_floor: f32,
 }
 
 impl Tracker for PaperTracker {
@@ -166,11 +169,15 @@ impl Tracker for PaperTracker {
         let Grid { column_count, row_count, .. } = frame.grid;
         let raster = Raster { amplitude: frame.amplitude, column_count, row_count };
         let place = Place { time_s: frame.time_s, grid: frame.grid, config: self.config };
-        let PaperConfig { noise_factor, peak_fraction, floor_factor, .. } = self.config;
+        let PaperConfig { noise_factor, peak_fraction, floor_factor, bin_floor_factor, .. } =
+            self.config;
         let of_noise = |factor: f64| crate::imaging::single(factor) * frame.noise_amplitude;
         let of_peak = crate::imaging::single(peak_fraction) * largest(frame.amplitude);
-        let level =
-            Level { peak: of_noise(noise_factor).max(of_peak), floor: of_noise(floor_factor) };
+        let level = Level {
+            peak: of_noise(noise_factor).max(of_peak),
+            floor: of_noise(floor_factor),
+            bin_floor: of_noise(bin_floor_factor),
+        };
         if let Some(rule) = self.scale.as_ref().map(|scale| scale.rule) {
             self.shift_all(&raster, &rule, &place);
         }

@@ -40,8 +40,10 @@ pub struct PaperConfig {
     /// `T_s / A`: a template grows by a line of pixels with a larger sum than this share of its
     /// maximum.
     pub line_share: f64,
-    /// Pixels below this times the noise in the image are background.
+    /// Pixels below this times the noise in the image count as nothing when a template grows.
     pub floor_factor: f64,
+    /// Pixels below this times the noise in the image go to the first bin; 0 is as published.
+    pub bin_floor_factor: f64,
     /// Largest width and depth of a template, metres.
     pub max_template_m: [f64; 2],
     /// `m`: bins of a histogram.
@@ -86,6 +88,7 @@ impl Default for PaperConfig {
             disc_half_m: [0.4, 0.25],
             line_share: 0.03,
             floor_factor: 1.0,
+            bin_floor_factor: 1.0,
             max_template_m: [6.0, 3.0],
             bin_count: 16,
             weighting: Weighting::Bright,
@@ -121,6 +124,7 @@ impl PaperConfig {
             ("disc_half_m", disc_along_m, [0.0, 10.0], "use 0 to 10 m"),
             ("line_share", self.line_share, [1e-6, 1e3], "use 1e-6 to 1000, of the paper 0.03"),
             ("floor_factor", self.floor_factor, [0.0, 1e3], "use 0 to 1000"),
+            ("bin_floor_factor", self.bin_floor_factor, [0.0, 1e3], "use 0 to 1000"),
             ("max_template_m", width_m, [0.01, 1e3], "use 0.01 to 1000 m"),
             ("max_template_m", depth_m, [0.01, 1e3], "use 0.01 to 1000 m"),
             ("bandwidth", self.bandwidth, [0.1, 10.0], "use 0.1 to 10"),

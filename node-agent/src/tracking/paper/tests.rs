@@ -252,6 +252,7 @@ fn settings_of_nonsense_are_named() {
     assert_eq!(field(|c| c.disc_half_m[1] = f64::NAN), "paper.disc_half_m");
     assert_eq!(field(|c| c.line_share = 0.0), "paper.line_share");
     assert_eq!(field(|c| c.floor_factor = f64::INFINITY), "paper.floor_factor");
+    assert_eq!(field(|c| c.bin_floor_factor = -1.0), "paper.bin_floor_factor");
     assert_eq!(field(|c| c.max_template_m[0] = 0.0), "paper.max_template_m");
     assert_eq!(field(|c| c.bandwidth = 0.0), "paper.bandwidth");
     assert_eq!(field(|c| c.epsilon_m = 0.0), "paper.epsilon_m");
