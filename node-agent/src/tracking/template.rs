@@ -140,8 +140,8 @@ mod tests {
         assert!(ellipse.distance2(&Vector2::new(1.0, 2.0)) < 1.0);
         // What is below the floor does not count: left 4 and far 50 are what is left.
         let clipped = Growth { floor: 3.5, ..AS_PUBLISHED };
-        let rectangle = grown_in(&rows, [2, 2], &clipped);
-        assert_eq!(rectangle, Rectangle { columns: [1, 2], rows: [2, 3] });
+        let smaller = grown_in(&rows, [2, 2], &clipped);
+        assert_eq!(smaller, Rectangle { columns: [1, 2], rows: [2, 3] });
     }
 
     #[test]

@@ -24,8 +24,9 @@ pub enum Renewal {
 
 /// Settings of the published tracker. `line_share`, `bin_count`, `confirm_count`, `window_count` and
 /// `end_count` are the paper's. It does not give the others: `noise_factor` and `floor_factor` are the
-/// best of {1, 2, 3} × {0.5, 1, 1.5, 2} in the four experiments with seeds 1 to 3, at which 0.5 and
-/// 2 are clearly worse, and both standard deviations are what was found there in experiments 1 and 2.
+/// best of {2, 3} × {0.5, 1} and 2 × {1.5, 2} in the four experiments with seeds 1 to 3, where floors
+/// of 0.5 and 2 are clearly worse and 3 little better than 2; both standard deviations are the errors
+/// found there in experiments 1 and 2. The rest was set by reason and not tuned.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PaperConfig {

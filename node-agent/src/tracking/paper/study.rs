@@ -4,9 +4,7 @@ use nalgebra::Vector2;
 
 use super::*;
 use crate::tracking::TrackStatus;
-use crate::tracking::experiments::{
-    Experiment, FRAME_COUNT, HALF_DEPTH_M, Stage, middle_m, paper_chain,
-};
+use crate::tracking::experiments::{Experiment, FRAME_COUNT, Stage, middle_m, paper_chain};
 use crate::tracking::shift::Weighting;
 
 /// A track farther away than this does not follow a person, metres.
@@ -29,6 +27,18 @@ struct Score {
 impl Score {
     fn rmse_m(&self) -> f64 {
         (self.square_m2 / self.hit_count.max(1.0)).sqrt()
+    }
+
+    /// Counts a track that follows a person.
+    fn hit(&mut self, track: &Track, truth_m: &Vector2<f64>) {
+        let error_m = middle_m(&Vector2::new(track.state.x, track.state.y)) - truth_m;
+        let covariance = track.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        let along = truth_m.normalize();
+        self.square_m2 += error_m.norm_squared();
+        self.hit_count += 1.0;
+        self.nees += error_m.dot(&(covariance.try_inverse().unwrap() * error_m));
+        self.polar[0] += error_m.dot(&along).powi(2);
+        self.polar[1] += (error_m.perp(&along) / truth_m.norm()).powi(2);
     }
 
     fn per_frame(&self, count: f64) -> f64 {
@@ -69,21 +79,13 @@ fn runs(stage: &Stage, config: &PaperConfig, seeds: std::ops::Range<u64>) -> Sco
             let told: Vec<&Track> =
                 tracks.iter().filter(|t| t.status != TrackStatus::Tentative).collect();
             let pairs = pairs(&told, &shown.middles_m);
-            for (t, p, distance_m) in &pairs {
+            for (t, p, _) in &pairs {
                 let id = told[*t].id;
                 score.switch_count += f64::from(last[*p].is_some_and(|before| before != id));
                 last[*p] = Some(id);
-                if FIRST <= shown.index {
-                    score.square_m2 += distance_m * distance_m;
-                    score.hit_count += 1.0;
-                    let seen_m = Vector2::new(told[*t].state.x, told[*t].state.y);
-                    let error_m = middle_m(&seen_m) - shown.middles_m[*p];
-                    let along = shown.middles_m[*p].normalize();
-                    score.polar[0] += error_m.dot(&along).powi(2);
-                    score.polar[1] += (error_m.perp(&along) / shown.middles_m[*p].norm()).powi(2);
-                    let covariance = told[*t].covariance.fixed_view::<2, 2>(0, 0).into_owned();
-                    score.nees += error_m.dot(&(covariance.try_inverse().unwrap() * error_m));
-                }
+            }
+            for (t, p, _) in pairs.iter().filter(|_| FIRST <= shown.index) {
+                score.hit(told[*t], &shown.middles_m[*p]);
             }
             if FIRST <= shown.index {
                 score.missed_count += (2 - pairs.len()) as f64;
@@ -94,7 +96,6 @@ fn runs(stage: &Stage, config: &PaperConfig, seeds: std::ops::Range<u64>) -> Sco
         stage.play(seed, watch).unwrap();
         score.run_count += 1.0;
     }
-    assert!(HALF_DEPTH_M < GATE_M);
     score
 }
 
