@@ -2,6 +2,7 @@
 //!
 //! Source: \[mean-shift\]. Two trackers stand behind one trait: that of the paper, and the default.
 
+pub mod default;
 pub mod experiments;
 pub mod histogram;
 pub mod maxima;
