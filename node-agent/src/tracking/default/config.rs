@@ -96,7 +96,12 @@ pub struct DefaultConfig {
 impl Default for DefaultConfig {
     fn default() -> Self {
         Self {
-            steady: Gait { memory_s: 100.0, push_m2_per_s3: 5e-4, aside_share: 1.0, sojourn_s: 3.5 },
+            steady: Gait {
+                memory_s: 100.0,
+                push_m2_per_s3: 5e-4,
+                aside_share: 1.0,
+                sojourn_s: 3.5,
+            },
             turning: Gait { memory_s: 1.0, push_m2_per_s3: 2.5, aside_share: 0.1, sojourn_s: 1.0 },
             half_depth_m: 0.065,
             lasting_sigmas_m: [0.025, 0.04],
@@ -214,7 +219,10 @@ mod tests {
         let nan = DefaultConfig { half_depth_m: f64::NAN, ..good.clone() };
         assert_eq!(told(nan), "tracking.default.half_depth_m");
         let frozen = Gait { memory_s: 0.0, ..good.steady };
-        assert_eq!(told(DefaultConfig { steady: frozen, ..good.clone() }), "tracking.default.steady");
+        assert_eq!(
+            told(DefaultConfig { steady: frozen, ..good.clone() }),
+            "tracking.default.steady"
+        );
         let door = Door { x_m: f64::INFINITY, y_m: 0.0, radius_m: 1.0 };
         let doors = DefaultConfig { doors: vec![door], ..good.clone() };
         assert_eq!(told(doors), "tracking.default.doors[0]");

@@ -94,7 +94,8 @@ impl Usual {
         }
         let worse = (self.snr / power_ratio.max(1.0)).max(1.0);
         let across_m2 = self.sine2 * surface_m.norm_squared();
-        let cov_m2 = turned(&surface_m, [self.along_m2, across_m2].map(|m2| worse * m2.max(LEAST_M2)));
+        let cov_m2 =
+            turned(&surface_m, [self.along_m2, across_m2].map(|m2| worse * m2.max(LEAST_M2)));
         let place_m = surface_m + line_of_sight(&surface_m) * config.half_depth_m;
         Some(inflated(Sight { place_m, cov_m2 }, since_s, config))
     }

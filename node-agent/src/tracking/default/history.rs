@@ -55,8 +55,7 @@ impl History {
         for record in self.records.iter().rev().skip(1) {
             if let Some(inverse) = later.predicted.cov.try_inverse() {
                 let gain = later.cross * inverse;
-                let mean =
-                    record.filtered.mean + gain * (best.mean - later.predicted.mean);
+                let mean = record.filtered.mean + gain * (best.mean - later.predicted.mean);
                 let cov = record.filtered.cov
                     + gain * (best.cov - later.predicted.cov) * gain.transpose();
                 best = Estimate { mean, cov: 0.5 * (cov + cov.transpose()) };

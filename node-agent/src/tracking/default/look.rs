@@ -20,8 +20,12 @@ const HALF_AXES_SIGMAS: f64 = 2.0;
 /// Least and largest half axes, pixels: below there is nothing to compare, above it takes too long.
 const HALF_AXES_PX: [f64; 2] = [1.5, 24.0];
 /// The shift ends so, pixels and steps.
-const RULE: ShiftRule =
-    ShiftRule { weighting: Weighting::Bright, epsilon_px: 0.1, max_iteration_count: 8, bandwidth: 1.0 };
+const RULE: ShiftRule = ShiftRule {
+    weighting: Weighting::Bright,
+    epsilon_px: 0.1,
+    max_iteration_count: 8,
+    bandwidth: 1.0,
+};
 /// The peak of somebody measured at a place is no farther from it, pixels.
 const PEAK_REACH_PX: usize = 3;
 
@@ -107,8 +111,9 @@ impl Picture<'_> {
                 }
                 let place_m = self.to_m(&Vector2::new(column as f64, row as f64));
                 let own = window.distance2(&place_m);
-                let of_others =
-                    |other: &Vector2<f64>| Window { middle_m: *other, ..*window }.distance2(&place_m);
+                let of_others = |other: &Vector2<f64>| {
+                    Window { middle_m: *other, ..*window }.distance2(&place_m)
+                };
                 if own < 1.0 && others_m.iter().all(|other| own < of_others(other)) {
                     (best, least) = (Some((place_m, value)), value);
                 }
@@ -126,7 +131,11 @@ impl Picture<'_> {
     }
 
     /// The template of somebody measured at `place_m`; `None` outside the image or where it is dark.
-    pub(super) fn template(&self, place_m: &Vector2<f64>, extent_m2: &[f64; 3]) -> Option<Template> {
+    pub(super) fn template(
+        &self,
+        place_m: &Vector2<f64>,
+        extent_m2: &[f64; 3],
+    ) -> Option<Template> {
         let centre_px = self.to_px(place_m);
         let half = PEAK_REACH_PX as f64;
         let rows = Self::span(centre_px.y, half, self.raster.row_count);

@@ -13,6 +13,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use proto::measured::MeasuredPoint;
 
 use super::maxima::Raster;
+use super::paper::check::check_frame;
 use super::{Frame, FrameError, Track, Tracker};
 use crate::imaging::InvalidSetting;
 
@@ -120,7 +121,8 @@ impl DefaultTracker {
 
     /// The price of giving `point` to `person`.
     fn price(&self, person: &Person, point: &MeasuredPoint, time_s: f64) -> f64 {
-        let Some((distance2, volume)) = person.now.misfit(&self.sight(person, point, time_s)) else {
+        let Some((distance2, volume)) = person.now.misfit(&self.sight(person, point, time_s))
+        else {
             return FORBIDDEN;
         };
         let DefaultConfig { detection_probability: p, new_per_m2, gate_sigmas, .. } = self.config;
@@ -175,16 +177,19 @@ impl DefaultTracker {
         let others = self.surfaces_m.iter().enumerate().filter(|(other, _)| *other != index);
         self.others_m.extend(others.map(|(_, surface_m)| *surface_m));
         let window = window(person, self.surfaces_m[index]);
-        let floor = frame.noise_amplitude * crate::imaging::single(self.config.weak_power_ratio.sqrt());
+        let floor =
+            frame.noise_amplitude * crate::imaging::single(self.config.weak_power_ratio.sqrt());
         let found = picture.peak(&window, floor, &self.others_m);
         let Some(found) = found.and_then(|peak| picture.shifted(peak, template)) else {
             return false;
         };
-        let power_ratio = f64::from(found.peak / frame.noise_amplitude.max(f32::MIN_POSITIVE)).powi(2);
+        let power_ratio =
+            f64::from(found.peak / frame.noise_amplitude.max(f32::MIN_POSITIVE)).powi(2);
         let since_s = frame.time_s - person.seen_s;
         let sight = self.usual.weak_sight(found.place_m, power_ratio, since_s, &self.config);
         let Some(sight) = sight else { return false };
-        let fits = person.now.misfit(&sight).is_some_and(|(d2, _)| d2 < self.config.gate_sigmas.powi(2));
+        let fits =
+            person.now.misfit(&sight).is_some_and(|(d2, _)| d2 < self.config.gate_sigmas.powi(2));
         if !fits || found.likeness < self.config.min_appearance {
             return false;
         }
@@ -241,7 +246,8 @@ impl DefaultTracker {
             let share = way_m / (config.relink_m + config.relink_m_per_s * gap_s);
             (is_lost && share < 1.0).then_some(share)
         };
-        let rated = self.people.iter().enumerate().filter_map(|(at, lost)| Some((at, reach(lost)?)));
+        let rated =
+            self.people.iter().enumerate().filter_map(|(at, lost)| Some((at, reach(lost)?)));
         let nearest = rated.min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((lost, _)) = nearest.filter(|(at, _)| *at != index) {
             self.people[index].id = self.people[lost].id;
@@ -271,7 +277,8 @@ impl DefaultTracker {
 
 impl Tracker for DefaultTracker {
     fn track(&mut self, frame: &Frame<'_>) -> Result<&[Track], FrameError> {
-        check(frame, self.last_s)?;
+        check_frame(frame, self.last_s.unwrap_or(f64::NEG_INFINITY))?;
+        check_points(frame)?;
         let time_s = frame.time_s;
         let points = &frame.points[..frame.points.len().min(MAX_POINT_COUNT)];
         let raster = Raster {
@@ -310,35 +317,21 @@ fn window(person: &Person, surface_m: Vector2<f64>) -> Window {
     }
 }
 
-fn check(frame: &Frame<'_>, previous_s: Option<f64>) -> Result<(), FrameError> {
-    let Frame { time_s, grid, amplitude, noise_amplitude, points } = *frame;
-    if !time_s.is_finite() {
-        return Err(FrameError::NotFinite { time_s, what: "the time" });
-    }
-    if let Some(previous_s) = previous_s.filter(|previous_s| time_s <= *previous_s) {
-        return Err(FrameError::TimeNotAscending { time_s, previous_s });
-    }
-    let (got, want) = (amplitude.len(), grid.column_count.saturating_mul(grid.row_count));
-    if got != want {
-        return Err(FrameError::PixelCount { time_s, got, want });
-    }
-    let is_good = |value: &f32| (0.0..f32::INFINITY).contains(value);
-    // Chunks without an early end are tested many values at a time.
-    let are_good = |part: &[f32]| part.iter().fold(true, |good, value| good & is_good(value));
-    if !amplitude.chunks(1024).all(are_good) {
-        return Err(FrameError::NotFinite { time_s, what: "a pixel" });
-    }
-    if !is_good(&noise_amplitude) {
-        return Err(FrameError::NotFinite { time_s, what: "the noise" });
-    }
-    let is_point = |point: &MeasuredPoint| {
+/// What must be so besides what [`check_frame`] asks for: all numbers of a point are some, and its
+/// covariance is one.
+fn check_points(frame: &Frame<'_>) -> Result<(), FrameError> {
+    let is_good = |point: &MeasuredPoint| {
         let MeasuredPoint { x_m, y_m, cov_m2, snr_db, extent_m2, .. } = point;
         let numbers = [x_m, y_m, snr_db].into_iter().chain(cov_m2).chain(extent_m2);
         numbers.into_iter().all(|value| value.is_finite())
             && point.position().cov_m2.cholesky().is_some()
     };
-    if !points.iter().all(is_point) {
-        return Err(FrameError::NotFinite { time_s, what: "a point" });
-    }
-    Ok(())
+    let (time_s, what) = (frame.time_s, "a point");
+    let are_good = frame.points.iter().all(is_good);
+    if are_good { Ok(()) } else { Err(FrameError::NotFinite { time_s, what }) }
 }
+
+#[cfg(test)]
+mod study;
+#[cfg(test)]
+mod tests;

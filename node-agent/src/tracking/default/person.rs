@@ -223,6 +223,7 @@ fn inside_m(place_m: &Vector2<f64>, grid: &Grid) -> f64 {
 }
 
 fn is_at_door(place_m: &Vector2<f64>, config: &DefaultConfig) -> bool {
-    let is_near = |x_m: f64, y_m: f64, radius_m: f64| (place_m - Vector2::new(x_m, y_m)).norm() < radius_m;
+    let is_near =
+        |x_m: f64, y_m: f64, radius_m: f64| (place_m - Vector2::new(x_m, y_m)).norm() < radius_m;
     config.doors.iter().any(|door| is_near(door.x_m, door.y_m, door.radius_m))
 }
