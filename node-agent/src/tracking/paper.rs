@@ -25,7 +25,7 @@ use super::shift::{ShiftRule, Template, shift};
 use super::template::{Ellipse, Growth, grown};
 use super::{Frame, FrameError, Track, Tracker};
 
-pub(super) mod check;
+mod check;
 mod config;
 mod followed;
 

@@ -14,6 +14,9 @@ use super::motion::Estimate;
 /// States kept, at most.
 pub(super) const MAX_COUNT: usize = 64;
 
+/// Times that differ by less are alike, seconds.
+const CLOCK_S: f64 = 1e-6;
+
 /// One frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Record {
@@ -41,7 +44,7 @@ impl History {
 
     /// Adds the newest, and drops what smoothing over `lag_s` needs no more.
     pub(super) fn push(&mut self, record: Record, lag_s: f64) {
-        let is_old = |next: &Record| lag_s <= record.time_s - next.time_s;
+        let is_old = |next: &Record| lag_s - CLOCK_S <= record.time_s - next.time_s;
         while self.records.get(1).is_some_and(is_old) || self.records.len() == MAX_COUNT {
             self.records.pop_front();
         }

@@ -13,7 +13,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use proto::measured::MeasuredPoint;
 
 use super::maxima::Raster;
-use super::paper::check::check_frame;
+use super::paper::check_frame;
 use super::{Frame, FrameError, Track, Tracker};
 use crate::imaging::InvalidSetting;
 

@@ -171,6 +171,11 @@ impl Motion {
         cross
     }
 
+    /// Whoever it is does not move.
+    pub(super) fn stand(&mut self) {
+        self.modes.iter_mut().for_each(|mode| mode.mean.fixed_rows_mut::<2>(2).fill(0.0));
+    }
+
     /// Takes `sight` into account; a way of moving that foresaw it gains weight.
     pub(super) fn update(&mut self, sight: &Sight) {
         let mut fits = [f64::NEG_INFINITY; COUNT];

@@ -101,7 +101,12 @@ impl Person {
     /// little to be seen, and did not leave.
     pub(super) fn predict(&mut self, time_s: f64, dt_s: f64, gaits: &[Gait; 2]) {
         let is_held = self.stands && self.predicted.time_s - self.seen_s > HOLD_AFTER_S;
-        let cross = if is_held { self.now.cov } else { self.motion.predict(dt_s, gaits) };
+        let cross = if is_held {
+            self.motion.stand();
+            self.now.cov
+        } else {
+            self.motion.predict(dt_s, gaits)
+        };
         self.now = self.motion.merged();
         self.predicted = Record { time_s, predicted: self.now, cross, filtered: self.now };
     }
@@ -204,7 +209,7 @@ impl Person {
 }
 
 /// Who stood is held where they are after so long without a sight, seconds.
-const HOLD_AFTER_S: f64 = 0.5;
+const HOLD_AFTER_S: f64 = 0.2;
 
 /// The state with the error that lasts.
 fn said(state: &Estimate, config: &DefaultConfig) -> Estimate {
