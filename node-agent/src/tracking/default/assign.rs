@@ -38,8 +38,7 @@ impl Assignment {
         chosen.clear();
         chosen.resize(row_count, None);
         for (column, row) in self.row_of[..column_count].iter().enumerate() {
-            let is_worth = |row: usize| self.price(row, column) < 0.0;
-            if *row != FREE && is_worth(*row) {
+            if *row != FREE && self.price(*row, column) < 0.0 {
                 chosen[*row] = Some(column);
             }
         }
@@ -153,9 +152,9 @@ mod tests {
             let mut taken = vec![false; columns];
             let mut total = 0.0;
             for (row, column) in chosen.iter().enumerate() {
-                let Some(column) = column else { continue };
-                assert!(!std::mem::replace(&mut taken[*column], true), "{prices:?} {chosen:?}");
-                total += prices[row][*column];
+                let again = column.is_some_and(|at| std::mem::replace(&mut taken[at], true));
+                assert!(!again, "{prices:?} {chosen:?}");
+                total += column.map_or(0.0, |at| prices[row][at]);
             }
             let want = cheapest(&prices, 0, &mut vec![false; columns]);
             assert!((total - want).abs() < 1e-9, "{total} {want} {prices:?} {chosen:?}");

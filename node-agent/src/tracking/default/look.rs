@@ -59,6 +59,13 @@ impl Window {
         let sine = self.middle_m.x / here - place_m.x / there;
         ((there - here) / self.range_m).powi(2) + (sine / self.sine).powi(2)
     }
+
+    /// Whether `place_m` is inside, and nearer than to the middles of `others_m`.
+    fn is_nearest(&self, place_m: &Vector2<f64>, others_m: &[Vector2<f64>]) -> bool {
+        let own = self.distance2(place_m);
+        let of = |middle_m: &Vector2<f64>| Self { middle_m: *middle_m, ..*self }.distance2(place_m);
+        own < 1.0 && others_m.iter().all(|other| own < of(other))
+    }
 }
 
 impl Picture<'_> {
@@ -87,7 +94,7 @@ impl Picture<'_> {
         let value = self.raster.at(column, row);
         let rows = row.saturating_sub(1)..(row + 2).min(self.raster.row_count);
         let columns = column.saturating_sub(1)..=(column + 1).min(self.raster.column_count - 1);
-        rows.map(|row| self.raster.part(row, *columns.start(), *columns.end()))
+        rows.map(|near| self.raster.part(near, *columns.start(), *columns.end()))
             .all(|part| part.iter().all(|other| *other <= value))
     }
 
@@ -101,22 +108,17 @@ impl Picture<'_> {
         let middle_px = self.to_px(&window.middle_m);
         let reach_m = window.range_m.hypot(window.sine * window.middle_m.norm() * 1.5);
         let half_px = reach_m / self.grid.pixel_m;
-        let mut best = None;
-        let mut least = floor;
-        for row in Self::span(middle_px.y, half_px, self.raster.row_count) {
-            for column in Self::span(middle_px.x, half_px, self.raster.column_count) {
-                let value = self.raster.at(column, row);
-                if value <= least || !self.is_maximum(column, row) {
-                    continue;
-                }
-                let place_m = self.to_m(&Vector2::new(column as f64, row as f64));
-                let own = window.distance2(&place_m);
-                let of_others = |other: &Vector2<f64>| {
-                    Window { middle_m: *other, ..*window }.distance2(&place_m)
-                };
-                if own < 1.0 && others_m.iter().all(|other| own < of_others(other)) {
-                    (best, least) = (Some((place_m, value)), value);
-                }
+        let columns = || Self::span(middle_px.x, half_px, self.raster.column_count);
+        let rows = Self::span(middle_px.y, half_px, self.raster.row_count);
+        let (mut best, mut least) = (None, floor);
+        for (row, column) in rows.flat_map(|row| columns().map(move |column| (row, column))) {
+            let value = self.raster.at(column, row);
+            if value <= least || !self.is_maximum(column, row) {
+                continue;
+            }
+            let place_m = self.to_m(&Vector2::new(column as f64, row as f64));
+            if window.is_nearest(&place_m, others_m) {
+                (best, least) = (Some((place_m, value)), value);
             }
         }
         best

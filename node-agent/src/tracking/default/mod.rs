@@ -193,9 +193,9 @@ impl DefaultTracker {
         if !fits || found.likeness < self.config.min_appearance {
             return false;
         }
-        let person = &mut self.people[index];
-        person.resemble(found.likeness);
-        person.see_weakly(frame.time_s, &sight, &self.config);
+        let supported = &mut self.people[index];
+        supported.resemble(found.likeness);
+        supported.see_weakly(frame.time_s, &sight, &self.config);
         true
     }
 
@@ -331,6 +331,8 @@ fn check_points(frame: &Frame<'_>) -> Result<(), FrameError> {
     if are_good { Ok(()) } else { Err(FrameError::NotFinite { time_s, what }) }
 }
 
+#[cfg(test)]
+mod kernels;
 #[cfg(test)]
 mod study;
 #[cfg(test)]
