@@ -58,10 +58,6 @@ pub struct DefaultConfig {
     pub weak_power_ratio: f64,
     /// How much the image must look like the template to support a track, 0 to 1.
     pub min_appearance: f64,
-    /// Points of two people nearer than this in range, metres, and ...
-    pub cell_range_m: f64,
-    /// ... this in the sine may be one.
-    pub cell_sine: f64,
     /// Logarithm of the odds at which a track is confirmed.
     pub confirm_score: f64,
     /// The same for one that began at a door or at the border of the image.
@@ -112,8 +108,6 @@ impl Default for DefaultConfig {
             gate_sigmas: 5.0,
             weak_power_ratio: 3.0,
             min_appearance: 0.6,
-            cell_range_m: 0.35,
-            cell_sine: 0.3,
             confirm_score: 12.0,
             confirm_score_at_doors: 5.0,
             confirm_point_count: 3,
@@ -179,8 +173,6 @@ impl DefaultConfig {
             ("gate_sigmas", self.gate_sigmas, [1.0, 100.0]),
             ("weak_power_ratio", self.weak_power_ratio, [1.0, 1e6]),
             ("min_appearance", self.min_appearance, [0.0, 1.0]),
-            ("cell_range_m", self.cell_range_m, [0.0, 10.0]),
-            ("cell_sine", self.cell_sine, [0.0, 1.0]),
             ("confirm_score", self.confirm_score, [0.0, 1e3]),
             ("confirm_score_at_doors", self.confirm_score_at_doors, [0.0, 1e3]),
             ("tentative_coast_s", self.tentative_coast_s, seconds),
