@@ -4,6 +4,7 @@
 pub mod cli;
 mod draw;
 mod launch;
+pub mod metrics;
 mod montecarlo;
 pub mod moves;
 mod observe;
