@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
 
-use crate::montecarlo;
+use crate::montecarlo::{self, mean_shift};
 use crate::moves::NodeMove;
 use crate::plan::merge;
 use crate::report::{Report, Summary};
@@ -30,8 +30,9 @@ pub struct Arguments {
 enum Action {
     /// Run a scenario: the centre and one process per node, to the end; then score.
     Run(Box<RunFlags>),
-    /// Repeat an experiment of the registration paper many times over: solvers beside the bound and
-    /// what was published.
+    /// Repeat an experiment of a paper many times over: solvers beside the bound and what was
+    /// published, or trackers beside what was measured before.
+    #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
     Montecarlo(Box<MonteCarloFlags>),
     /// List the scenarios that come with the program.
     List {
@@ -83,11 +84,33 @@ struct RunFlags {
 
 #[derive(Debug, clap::Args)]
 struct MonteCarloFlags {
+    #[command(subcommand)]
+    other: Option<OtherExperiment>,
     #[command(flatten)]
-    experiment: montecarlo::Flags,
+    figure: Option<montecarlo::Flags>,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Experiments of other papers than that of the registration.
+#[derive(Debug, Subcommand)]
+enum OtherExperiment {
+    /// The four experiments of the mean-shift paper: two people behind a wall, every tracker on the
+    /// same images.
+    MeanShift {
+        #[command(flatten)]
+        experiment: mean_shift::Flags,
+        #[command(flatten)]
+        output: Output,
+    },
+}
+
+/// Where the results of an experiment go.
+#[derive(Debug, clap::Args)]
+struct Output {
     /// Where table data and pictures go; a new folder below runs/ if left out.
-    #[arg(long, value_name = "FOLDER")]
-    out: Option<PathBuf>,
+    #[arg(long = "out", value_name = "FOLDER")]
+    folder: Option<PathBuf>,
     #[command(flatten)]
     format: Format,
 }
@@ -180,16 +203,34 @@ async fn run_all(
 }
 
 fn montecarlo(flags: &MonteCarloFlags, stop: &CancellationToken) -> anyhow::Result<()> {
-    let experiment = montecarlo::Experiment::new(&flags.experiment)?;
-    let folder = new_folder(flags.out.as_deref(), &experiment.name())?;
+    if let Some(OtherExperiment::MeanShift { experiment, output }) = &flags.other {
+        return follow(experiment, output, stop);
+    }
+    let figure = flags.figure.as_ref().context("name a figure, such as fig6, or mean-shift")?;
+    let experiment = montecarlo::Experiment::new(figure)?;
+    let output = &flags.output;
+    let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
     // Signals come on a thread of their own: nothing else waits for this one.
     let report = montecarlo::run(&experiment, &folder, stop)?;
-    let text = if flags.format.json {
-        report.json()? + "\n"
-    } else {
-        format!("{}files in {}\n", report.table(), folder.display())
-    };
-    process::print(&text)
+    output.print(&folder, report.json()?, &report.table())
+}
+
+fn follow(
+    flags: &mean_shift::Flags,
+    output: &Output,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    let experiment = mean_shift::Experiment::new(flags)?;
+    let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
+    let report = mean_shift::run(&experiment, &folder, stop)?;
+    output.print(&folder, report.json()?, &report.table())
+}
+
+impl Output {
+    fn print(&self, folder: &Path, json: String, table: &str) -> anyhow::Result<()> {
+        let tables = || format!("{table}files in {}\n", folder.display());
+        process::print(&if self.format.json { json + "\n" } else { tables() })
+    }
 }
 
 fn print_one(report: &Report, format: Format) -> anyhow::Result<bool> {

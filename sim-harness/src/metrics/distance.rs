@@ -42,7 +42,8 @@ pub(super) fn distance_m(one_m: [f64; 2], other_m: [f64; 2]) -> f64 {
 /// those with `d < c` are kept. A place that is no number belongs to nothing.
 #[must_use]
 pub fn pairs(truths_m: &[[f64; 2]], estimates_m: &[[f64; 2]], cutoff_m: f64) -> Vec<Option<usize>> {
-    let apart_m = |truth: usize, estimate: usize| distance_m(truths_m[truth], estimates_m[estimate]);
+    let apart_m =
+        |truth: usize, estimate: usize| distance_m(truths_m[truth], estimates_m[estimate]);
     let cost = |truth, estimate| within(apart_m(truth, estimate), cutoff_m).powi(2);
     let nearest = assignment(&Costs::new(truths_m.len(), estimates_m.len(), cost));
     let kept = nearest.into_iter().enumerate();

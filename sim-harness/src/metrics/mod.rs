@@ -90,7 +90,8 @@ impl Settings {
         let remedy = "use 0 or a positive number of seconds";
         let is_time = 0.0 <= value && value.is_finite();
         is_time.then_some(()).ok_or(InvalidSettings { field, value, remedy })?;
-        let (field, value, remedy) = ("ospa.order", ospa.order, "use a finite number of at least 1");
+        let (field, value, remedy) =
+            ("ospa.order", ospa.order, "use a finite number of at least 1");
         let is_order = 1.0 <= value && value.is_finite();
         is_order.then_some(()).ok_or(InvalidSettings { field, value, remedy })
     }

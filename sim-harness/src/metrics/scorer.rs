@@ -48,33 +48,35 @@ impl<T: Copy + Ord, E: Copy + Ord> Scorer<T, E> {
     }
 
     /// Takes everybody who is there at `time_s` and everybody who is reported. Times ascend;
-    /// identities are distinct.
-    pub fn add(&mut self, time_s: f64, truths: &[Truth<T>], estimates: &[Estimate<E>]) {
+    /// identities are distinct. Gives what this moment counts; what only a whole run shows (purity,
+    /// completeness, delay) is 0 there.
+    pub fn add(&mut self, time_s: f64, truths: &[Truth<T>], estimates: &[Estimate<E>]) -> Score {
         for truth in truths {
             let new = Person { first_s: time_s, found_s: None, last: None, is_held: false };
             self.people.entry(truth.id).or_insert(new);
         }
         let paired = self.pair(truths, estimates);
         self.people.values_mut().for_each(|person| person.is_held = false);
-        for (truth, estimate) in truths.iter().zip(&paired) {
-            let found = estimate.map(|index| &estimates[index]);
-            self.count(time_s, truth, found);
-        }
+        let found = truths.iter().zip(&paired).map(|(truth, estimate)| {
+            self.count(time_s, truth, estimate.map(|index| &estimates[index]))
+        });
+        let of_people: Score = found.sum();
         let pair_count = paired.iter().flatten().count();
         let truths_m: Vec<[f64; 2]> = truths.iter().map(|truth| truth.at_m).collect();
         let estimates_m: Vec<[f64; 2]> = estimates.iter().map(|estimate| estimate.at_m).collect();
         let Settings { gospa_cutoff_m, ospa: scale, .. } = self.settings;
-        self.sums = self.sums
-            + Score {
-                frame_count: 1,
-                truth_count: truths.len(),
-                estimate_count: estimates.len(),
-                pair_count,
-                false_count: estimates.len() - pair_count,
-                gospa: gospa(&truths_m, &estimates_m, gospa_cutoff_m),
-                ospa_m: ospa(&truths_m, &estimates_m, scale),
-                ..Score::default()
-            };
+        let moment = Score {
+            frame_count: 1,
+            truth_count: truths.len(),
+            estimate_count: estimates.len(),
+            pair_count,
+            false_count: estimates.len() - pair_count,
+            gospa: gospa(&truths_m, &estimates_m, gospa_cutoff_m),
+            ospa_m: ospa(&truths_m, &estimates_m, scale),
+            ..of_people
+        };
+        self.sums = self.sums + moment;
+        moment
     }
 
     /// The score so far.
@@ -122,27 +124,29 @@ impl<T: Copy + Ord, E: Copy + Ord> Scorer<T, E> {
         paired
     }
 
-    fn count(&mut self, time_s: f64, truth: &Truth<T>, found: Option<&Estimate<E>>) {
-        let Some(person) = self.people.get_mut(&truth.id) else { return };
+    /// What one truth adds, with its estimate.
+    fn count(&mut self, time_s: f64, truth: &Truth<T>, found: Option<&Estimate<E>>) -> Score {
+        let mut added = Score::default();
+        let Some(person) = self.people.get_mut(&truth.id) else { return added };
         let is_due = self.settings.allowance_s <= time_s - person.first_s + TIME_ROUNDING_S;
-        self.sums.due_count += usize::from(is_due);
+        added.due_count = usize::from(is_due);
         let Some(estimate) = found else {
-            self.sums.missed_count += usize::from(is_due);
-            return;
+            added.missed_count = usize::from(is_due);
+            return added;
         };
         let is_switched = person.last.is_some_and(|last| last != estimate.id);
-        self.sums.switch_count += usize::from(is_switched);
-        let [count, due_count] = self.pair_counts.entry((estimate.id, truth.id)).or_default();
-        *count += 1;
-        *due_count += usize::from(is_due);
+        added.switch_count = usize::from(is_switched);
         person.last = Some(estimate.id);
         person.is_held = true;
         person.found_s.get_or_insert(time_s);
-        self.sums.squares_m2 += distance_m(truth.at_m, estimate.at_m).powi(2);
+        let [count, due_count] = self.pair_counts.entry((estimate.id, truth.id)).or_default();
+        *count += 1;
+        *due_count += usize::from(is_due);
+        added.squares_m2 = distance_m(truth.at_m, estimate.at_m).powi(2);
         if let Some(normalised) = normalised(truth.at_m, estimate) {
-            self.sums.normalised += normalised;
-            self.sums.normalised_count += 1;
+            (added.normalised, added.normalised_count) = (normalised, 1);
         }
+        added
     }
 }
 

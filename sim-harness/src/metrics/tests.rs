@@ -30,11 +30,8 @@ fn scored(settings: Settings, moments: &[Moment<'_>]) -> Score {
     for (second, (truths, estimates)) in moments.iter().enumerate() {
         let truths: Vec<_> =
             truths.iter().map(|(id, x_m)| Truth { id: *id, at_m: [*x_m, 0.0] }).collect();
-        let place = |(id, x_m): &(u32, f64)| Estimate {
-            id: *id,
-            at_m: [*x_m, 0.0],
-            covariance_m2: None,
-        };
+        let place =
+            |(id, x_m): &(u32, f64)| Estimate { id: *id, at_m: [*x_m, 0.0], covariance_m2: None };
         let estimates: Vec<_> = estimates.iter().map(place).collect();
         scorer.add(second as f64, &truths, &estimates);
     }
@@ -53,7 +50,11 @@ fn gospa_and_ospa_of_a_case_worked_by_hand() {
     assert_same(parts.distance_m(), 4.25_f64.sqrt(), "distance");
     assert_eq!(pairs(&truths_m, &estimates_m, 2.0), [Some(2), Some(0), None]);
     // (0.3 + 0.4 + 2) / 3 of order 1.
-    assert_same(ospa(&truths_m, &estimates_m, OspaScale { order: 1.0, cutoff_m: 2.0 }), 0.9, "OSPA");
+    assert_same(
+        ospa(&truths_m, &estimates_m, OspaScale { order: 1.0, cutoff_m: 2.0 }),
+        0.9,
+        "OSPA",
+    );
     // (0.3 + 0.4 + 2 + 2) / 4 with one more estimate.
     let more = [[3.0, 0.4], [20.0, 0.0], [-0.3, 0.0], [30.0, 0.0]];
     assert_same(ospa(&truths_m, &more, OspaScale { order: 1.0, cutoff_m: 2.0 }), 1.175, "OSPA");
