@@ -283,3 +283,33 @@ fn new_folder(named: Option<&Path>, what: &str) -> anyhow::Result<PathBuf> {
     let path = folder.canonicalize();
     path.with_context(|| folder.display().to_string())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(words: &str) -> Result<MonteCarloFlags, String> {
+        let words = ["sim-harness", "montecarlo"].into_iter().chain(words.split_whitespace());
+        let arguments = Arguments::try_parse_from(words).map_err(|error| error.to_string())?;
+        match arguments.action {
+            Action::Montecarlo(flags) => Ok(*flags),
+            other => Err(format!("{other:?}")),
+        }
+    }
+
+    #[test]
+    fn figures_and_experiments_have_flags_of_their_own() {
+        let figure = parsed("fig6 --trials 3 --json --out f").unwrap();
+        assert!(figure.other.is_none() && figure.figure.is_some() && figure.output.format.json);
+        assert_eq!(figure.output.folder, Some(PathBuf::from("f")));
+        let flags = parsed("mean-shift --experiment 1,3 --trackers paper --json --out f").unwrap();
+        let Some(OtherExperiment::MeanShift { output, .. }) = flags.other else { panic!("no") };
+        assert!(output.format.json && flags.figure.is_none());
+        assert_eq!(output.folder, Some(PathBuf::from("f")));
+        assert!(parsed("mean-shift --solvers default").unwrap_err().contains("--solvers"));
+        assert!(parsed("fig6 --trackers paper").unwrap_err().contains("--trackers"));
+        assert!(parsed("fig6 mean-shift").is_err());
+        assert!(parsed("").is_err());
+        assert!(parsed("fig8").unwrap_err().contains("fig10"));
+    }
+}

@@ -11,7 +11,7 @@ const CRATES: [&str; 4] = ["proto", "node-agent", "fusion-center", "sim-harness"
 const MAX_FILE_LINES: usize = 500;
 
 /// Folders and files of pure functions: no clock, no network, no executor, no environment, no file.
-const PURE: [&str; 22] = [
+const PURE: &[&str] = &[
     "proto/src/geom/",
     "proto/src/wire/",
     "proto/src/ids.rs",
@@ -23,6 +23,7 @@ const PURE: [&str; 22] = [
     "node-agent/src/detect/",
     "node-agent/src/group/",
     "node-agent/src/simulate/",
+    "node-agent/src/tracking/",
     "node-agent/src/plot/",
     "node-agent/src/pipeline.rs",
     "node-agent/src/source/simulated.rs",
@@ -34,6 +35,7 @@ const PURE: [&str; 22] = [
     "fusion-center/src/usable.rs",
     "fusion-center/src/pipeline/",
     "fusion-center/src/fuse.rs",
+    "sim-harness/src/metrics/",
 ];
 const IMPURE_WORDS: [&str; 8] = [
     "tokio::",

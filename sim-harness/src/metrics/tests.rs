@@ -151,6 +151,9 @@ fn a_track_keeps_its_person_while_it_is_within_the_gate() {
     assert_eq!(scored(SETTINGS, &[near, two]).switch_count, 0);
     assert_eq!(scored(SETTINGS, &[near, two, gone]).switch_count, 1);
     assert_eq!(scored(SETTINGS, &[near, two, gone]).false_count, 2);
+    // Once lost it has no right to anybody: the nearer one is taken.
+    let lost: Moment<'_> = (&[('a', 0.0)], &[]);
+    assert_eq!(scored(SETTINGS, &[near, lost, two]).switch_count, 1);
 }
 
 #[test]

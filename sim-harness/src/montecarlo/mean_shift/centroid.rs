@@ -13,9 +13,9 @@ use crate::metrics::{Costs, assignment};
 
 /// A region is brighter than this share of the maximum: that of the prototype in the specification.
 const THRESHOLD_SHARE: f32 = 0.3;
-/// And than so many times the noise in the mean of the channels: one pixel of noise in 7000, before
-/// coherence takes more off.
-const THRESHOLD_NOISE: f32 = 3.0;
+/// And than so many times the noise in the mean of the channels: noise that the phase coherence factor
+/// halves gets there at one pixel in 8000, and a region needs several.
+const THRESHOLD_NOISE: f32 = 1.5;
 /// Smallest region, pixels: a pixel of 0.05 m is far below the resolution.
 const MIN_PIXEL_COUNT: usize = 4;
 /// Spread of a centroid around the person, metres: between a body's half depth and half width.
@@ -135,6 +135,9 @@ fn regions(frame: &Frame<'_>) -> Vec<Region> {
     let mut is_open: Vec<bool> = amplitude.iter().map(|value| threshold < *value).collect();
     let mut found = Vec::new();
     for start in 0..is_open.len() {
+        if !is_open[start] {
+            continue;
+        }
         let pixels = fill(&mut is_open, start, grid.column_count);
         if MIN_PIXEL_COUNT <= pixels.len() {
             found.push(moments(&pixels, amplitude, grid));

@@ -3,7 +3,10 @@
 use clap::ValueEnum;
 use nalgebra::{Matrix2, Vector2};
 use node_agent::pipeline::ChainConfig;
+use node_agent::tracking::default::{DefaultConfig, DefaultTracker};
 use node_agent::tracking::experiments::{in_the_room, middle_m, paper_chain};
+use node_agent::tracking::paper::{PaperConfig, PaperTracker};
+use node_agent::tracking::shift::Weighting;
 use node_agent::tracking::{Track, TrackStatus, Tracker};
 use serde::Serialize;
 
@@ -67,7 +70,15 @@ impl Entrant {
     /// # Errors
     /// If its settings make no sense, which the usual ones do not.
     pub(super) fn tracker(self) -> anyhow::Result<Box<dyn Tracker>> {
-        Ok(Box::new(CentroidTracker::default()))
+        Ok(match self {
+            Self::Default => Box::new(DefaultTracker::new(&DefaultConfig::default())?),
+            Self::Paper => Box::new(PaperTracker::new(&PaperConfig::default())?),
+            Self::PaperWithoutWeights => {
+                let weighting = Weighting::Even;
+                Box::new(PaperTracker::new(&PaperConfig { weighting, ..PaperConfig::default() })?)
+            }
+            Self::Centroid => Box::new(CentroidTracker::default()),
+        })
     }
 
     /// The people whom it reports: everybody confirmed, seen or not. The radar sees the near side of

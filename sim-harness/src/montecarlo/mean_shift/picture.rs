@@ -143,7 +143,7 @@ fn draw_paths<B: DrawingBackend>(
     let mut chart = ChartBuilder::on(place)
         .caption(tracker.summary.tracker, ("sans-serif", 16).into_font())
         .margin(8)
-        .x_label_area_size(30)
+        .x_label_area_size(38)
         .y_label_area_size(30)
         .build_cartesian_2d(left_m..right_m, near_m..far_m)?;
     chart
