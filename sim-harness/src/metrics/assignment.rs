@@ -83,12 +83,7 @@ impl Search<'_> {
         let mut column = root;
         while let Some(from) = self.row_of[column] {
             is_reached[column] = true;
-            for next in (0..root).filter(|next| !is_reached[*next]) {
-                let through = self.reduced(from, next);
-                if through < distances[next] {
-                    (distances[next], before[next]) = (through, column);
-                }
-            }
+            self.look(from, column, &is_reached, (&mut distances, &mut before));
             let open = (0..root).filter(|next| !is_reached[*next]);
             let Some(nearest) = open.min_by(|a, b| distances[*a].total_cmp(&distances[*b])) else {
                 return;
@@ -103,14 +98,30 @@ impl Search<'_> {
         }
     }
 
+    /// Notes which columns are nearer over the one that row `from` has.
+    fn look(
+        &self,
+        from: usize,
+        column: usize,
+        is_reached: &[bool],
+        (distances, before): (&mut [f64], &mut [usize]),
+    ) {
+        for next in (0..distances.len()).filter(|next| !is_reached[*next]) {
+            let through = self.reduced(from, next);
+            if through < distances[next] {
+                (distances[next], before[next]) = (through, column);
+            }
+        }
+    }
+
     fn reduced(&self, row: usize, column: usize) -> f64 {
         self.costs.at(row, column) - self.row_prices[row] - self.column_prices[column]
     }
 
     /// Moves the prices by `step`, so that the nearest column is reached at no cost.
     fn pay(&mut self, step: f64, is_reached: &[bool], distances: &mut [f64]) {
-        for (column, is_reached) in is_reached.iter().enumerate() {
-            if *is_reached {
+        for (column, is_paid) in is_reached.iter().enumerate() {
+            if *is_paid {
                 self.row_of[column].iter().for_each(|row| self.row_prices[*row] += step);
                 self.column_prices[column] -= step;
             } else {

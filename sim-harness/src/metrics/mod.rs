@@ -8,6 +8,8 @@
 //!
 //! What each figure counts is written at its field in [`Score`].
 
+use std::ops::RangeBounds;
+
 use nalgebra::Matrix2;
 use serde::Serialize;
 use thiserror::Error;
@@ -76,23 +78,24 @@ impl Settings {
     /// Names the first field that makes no sense, and what would do.
     pub fn check(&self) -> Result<(), InvalidSettings> {
         let Self { gate_m, allowance_s, gospa_cutoff_m, ospa } = *self;
-        let lengths = [
-            ("gate_m", gate_m),
-            ("gospa_cutoff_m", gospa_cutoff_m),
-            ("ospa.cutoff_m", ospa.cutoff_m),
-        ];
-        for (field, value) in lengths {
-            let is_length = 0.0 < value && value.is_finite();
-            let remedy = "use a positive number of metres";
-            is_length.then_some(()).ok_or(InvalidSettings { field, value, remedy })?;
-        }
-        let (field, value) = ("allowance_s", allowance_s);
+        let length = "use a positive number of metres";
+        within("gate_m", gate_m, f64::MIN_POSITIVE.., length)?;
         let remedy = "use 0 or a positive number of seconds";
-        let is_time = 0.0 <= value && value.is_finite();
-        is_time.then_some(()).ok_or(InvalidSettings { field, value, remedy })?;
-        let (field, value, remedy) =
-            ("ospa.order", ospa.order, "use a finite number of at least 1");
-        let is_order = 1.0 <= value && value.is_finite();
-        is_order.then_some(()).ok_or(InvalidSettings { field, value, remedy })
+        within("allowance_s", allowance_s, 0.0.., remedy)?;
+        within("gospa_cutoff_m", gospa_cutoff_m, f64::MIN_POSITIVE.., length)?;
+        let OspaScale { order, cutoff_m } = ospa;
+        within("ospa.order", order, 1.0.., "use a finite number of at least 1")?;
+        within("ospa.cutoff_m", cutoff_m, f64::MIN_POSITIVE.., length)
     }
+}
+
+/// Refuses what is not allowed, or not finite.
+fn within(
+    field: &'static str,
+    value: f64,
+    allowed: impl RangeBounds<f64>,
+    remedy: &'static str,
+) -> Result<(), InvalidSettings> {
+    let is_good = allowed.contains(&value) && value.is_finite();
+    is_good.then_some(()).ok_or(InvalidSettings { field, value, remedy })
 }

@@ -85,10 +85,10 @@ impl<T: Copy + Ord, E: Copy + Ord> Scorer<T, E> {
         let mut most_of_track: BTreeMap<E, usize> = BTreeMap::new();
         let mut most_of_truth: BTreeMap<T, usize> = BTreeMap::new();
         for ((track, truth), [count, due_count]) in &self.pair_counts {
-            let most = most_of_track.entry(*track).or_default();
-            *most = (*most).max(*count);
-            let most = most_of_truth.entry(*truth).or_default();
-            *most = (*most).max(*due_count);
+            let of_track = most_of_track.entry(*track).or_default();
+            *of_track = (*of_track).max(*count);
+            let of_truth = most_of_truth.entry(*truth).or_default();
+            *of_truth = (*of_truth).max(*due_count);
         }
         let found = || self.people.values().filter_map(|person| Some((person, person.found_s?)));
         Score {

@@ -255,11 +255,14 @@ fn gospa_and_ospa_are_stone_soups() {
     }
 }
 
+/// Everybody who is there and every track of one second.
+type SoupSecond = (Vec<Truth<u32>>, Vec<Estimate<u32>>);
+
 #[test]
 fn runs_are_counted_as_stone_soups_siap_metrics_do() {
     let fixture: Fixture = serde_json::from_str(STONE_SOUP).unwrap();
     for soup in &fixture.runs {
-        let mut moments: BTreeMap<u32, (Vec<Truth<u32>>, Vec<Estimate<u32>>)> = BTreeMap::new();
+        let mut moments: BTreeMap<u32, SoupSecond> = BTreeMap::new();
         for (kind, second, id, x_m, y_m) in &soup.rows {
             let (truths, estimates) = moments.entry(*second).or_default();
             let (id, at_m) = (*id, [*x_m, *y_m]);

@@ -257,9 +257,9 @@ mod tests {
     fn image(middles: &[(usize, usize)]) -> Vec<f32> {
         let mut amplitude = vec![0.0; GRID.pixel_count()];
         for (column, row) in middles {
-            for off in 0..9 {
-                let (c, r) = (column + off % 3 - 1, row + off / 3 - 1);
-                amplitude[r * GRID.column_count + c] = if r == *row { 2.0 } else { 1.0 };
+            for (line, value) in [(row - 1, 1.0), (*row, 2.0), (row + 1, 1.0)] {
+                let first = line * GRID.column_count + column - 1;
+                amplitude[first..first + 3].fill(value);
             }
         }
         amplitude

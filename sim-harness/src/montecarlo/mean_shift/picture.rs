@@ -92,8 +92,8 @@ impl<'a> Page<'a> {
         let (errors, unfound) = curves.split_vertically(CURVES_HEIGHT);
         let title = "RMS error of those followed, m, over time, s";
         self.draw_curves(&errors, (title, ERROR_REACH_M), |moment| moment.rmse_m)?;
-        let title = "share of people not followed, over time, s";
-        self.draw_curves(&unfound, (title, 1.02), |moment| Some(moment.unfound_share))?;
+        let other_title = "share of people not followed, over time, s";
+        self.draw_curves(&unfound, (other_title, 1.02), |moment| Some(moment.unfound_share))?;
         area.present()
     }
 
