@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! transmural/1/{site}/up/{node}/points    agent to centre   gap-free
+//! transmural/1/{site}/up/{node}/tracks    agent to centre   people followed, last one kept
 //! transmural/1/{site}/up/{node}/status    agent to centre   once a second
 //! transmural/1/{site}/up/{node}/clock     agent to centre   "what time is it there?"
 //! transmural/1/{site}/down/clock/{node}   centre to agent   the answer
@@ -27,6 +28,8 @@ const ROOT: &str = "transmural/1";
 pub enum Topic {
     /// A node's point sets.
     Points(NodeId),
+    /// The people that a node follows.
+    Tracks(NodeId),
     /// A node's status.
     Status(NodeId),
     /// A node's clock probes.
@@ -54,6 +57,8 @@ pub enum Topic {
 pub enum Pattern {
     /// Everybody's point sets.
     AllPoints,
+    /// The people that everybody follows.
+    AllTracks,
     /// Everybody's status.
     AllStatus,
     /// Everybody's clock probes.
@@ -104,6 +109,7 @@ impl Keys {
     pub fn key(&self, topic: &Topic) -> String {
         self.with_prefix(match topic {
             Topic::Points(node) => format!("up/{node}/points"),
+            Topic::Tracks(node) => format!("up/{node}/tracks"),
             Topic::Status(node) => format!("up/{node}/status"),
             Topic::ClockProbe(node) => format!("up/{node}/clock"),
             Topic::ClockAnswer(node) => format!("down/clock/{node}"),
@@ -122,6 +128,7 @@ impl Keys {
     pub fn expression(&self, pattern: &Pattern) -> String {
         self.with_prefix(match pattern {
             Pattern::AllPoints => "up/*/points".to_owned(),
+            Pattern::AllTracks => "up/*/tracks".to_owned(),
             Pattern::AllStatus => "up/*/status".to_owned(),
             Pattern::AllClockProbes => "up/*/clock".to_owned(),
             Pattern::ClockAnswer(node) => format!("down/clock/{node}"),
@@ -152,6 +159,7 @@ impl Keys {
         let chunks: Vec<&str> = rest.split('/').collect();
         Some(match chunks.as_slice() {
             ["up", node, "points"] => Topic::Points(node.parse().ok()?),
+            ["up", node, "tracks"] => Topic::Tracks(node.parse().ok()?),
             ["up", node, "status"] => Topic::Status(node.parse().ok()?),
             ["up", node, "clock"] => Topic::ClockProbe(node.parse().ok()?),
             ["down", "clock", node] => Topic::ClockAnswer(node.parse().ok()?),
@@ -196,6 +204,7 @@ mod tests {
         let node: NodeId = "n1".parse().unwrap();
         vec![
             (Topic::Points(node.clone()), Pattern::AllPoints),
+            (Topic::Tracks(node.clone()), Pattern::AllTracks),
             (Topic::Status(node.clone()), Pattern::AllStatus),
             (Topic::ClockProbe(node.clone()), Pattern::AllClockProbes),
             (Topic::ClockAnswer(node.clone()), Pattern::ClockAnswer(node.clone())),

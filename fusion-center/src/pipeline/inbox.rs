@@ -3,13 +3,17 @@
 use proto::bus::{BusEvent, Delivery};
 use proto::ids::NodeId;
 use proto::keys::{Keys, Topic};
-use proto::wire::{ClockProbe, Command, Message, NodeStatus, PointSet, Received, Refusal, decode};
+use proto::wire::{
+    ClockProbe, Command, Message, NodeStatus, NodeTracks, PointSet, Received, Refusal, decode,
+};
 
 /// A delivery that makes sense.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Inbound {
     /// A node's points.
     Points(Received<PointSet>),
+    /// The people whom a node follows.
+    Tracks(Received<NodeTracks>),
     /// A node's status.
     Status(Received<NodeStatus>),
     /// A node asks for the time.
@@ -66,6 +70,9 @@ pub(super) fn read(keys: &Keys, delivery: &Delivery) -> Result<Inbound, Refused>
         Topic::Points(node) => {
             of_node(bytes, node, |set: &PointSet| &set.node).map(Inbound::Points)
         }
+        Topic::Tracks(node) => {
+            of_node(bytes, node, |tracks: &NodeTracks| &tracks.node).map(Inbound::Tracks)
+        }
         Topic::Status(node) => {
             of_node(bytes, node, |status: &NodeStatus| &status.node).map(Inbound::Status)
         }
@@ -76,7 +83,10 @@ pub(super) fn read(keys: &Keys, delivery: &Delivery) -> Result<Inbound, Refused>
         _ => return Ok(Inbound::Nothing),
     };
     let node = match &topic {
-        Topic::Points(node) | Topic::Status(node) | Topic::ClockProbe(node) => Some(node),
+        Topic::Points(node)
+        | Topic::Tracks(node)
+        | Topic::Status(node)
+        | Topic::ClockProbe(node) => Some(node),
         _ => None,
     };
     result.map_err(|unusable| refused(node, unusable.label, unusable.reason))

@@ -22,6 +22,7 @@ mod outcomes;
 mod pairs;
 mod poses;
 mod saved;
+mod tracks;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -33,7 +34,8 @@ use proto::keys::{Keys, Topic};
 use proto::refusals::Refusals;
 use proto::time::CentreTime;
 use proto::wire::{
-    ClockAnswer, ClockProbe, Message, NodeStatus, Picture, PointSet, Received, Stamp, Suspicion,
+    ClockAnswer, ClockProbe, Message, NodeStatus, NodeTracks, Picture, PointSet, Received, Stamp,
+    Suspicion,
 };
 use tracing::{error, info, warn};
 
@@ -50,6 +52,7 @@ use network::{Network, site_problem, with_pins};
 use outbox::Outbox;
 use pairs::Pairs;
 use poses::Poses;
+use tracks::Followed;
 
 /// The picture is published at least this often, so that silence shows.
 const PICTURE_INTERVAL: Duration = Duration::from_secs(1);
@@ -99,6 +102,7 @@ pub struct Centre {
     network: Network,
     poses: Poses,
     monitor: Monitor,
+    followed: Followed,
     refusals: Refusals,
     outbox: Outbox,
     /// Nodes of whom there is news to publish.
@@ -120,6 +124,7 @@ impl Centre {
             network: Network::new(),
             poses: Poses::new(config.reference.clone()),
             monitor: Monitor::new(config.monitor),
+            followed: Followed::default(),
             refusals: Refusals::default(),
             outbox: Outbox::new(boot),
             told: BTreeSet::new(),
@@ -206,6 +211,7 @@ impl Centre {
     fn on_delivery(&mut self, now: CentreTime, arrived: CentreTime, delivery: &Delivery) {
         match inbox::read(&self.keys, delivery) {
             Ok(Inbound::Points(set)) => self.on_points(now, arrived, set),
+            Ok(Inbound::Tracks(tracks)) => self.on_tracks(now, tracks),
             Ok(Inbound::Status(status)) => self.on_status(now, &status),
             Ok(Inbound::Probe(probe)) => self.on_probe(arrived, &probe),
             Ok(Inbound::Command(command)) => self.on_command(now, &command),
@@ -234,6 +240,13 @@ impl Centre {
         }
         self.pairs.note(&self.gather, &node, &periods);
         self.complete_pictures(now, &periods);
+    }
+
+    fn on_tracks(&mut self, now: CentreTime, tracks: Received<NodeTracks>) {
+        let key = self.keys.key(&Topic::Tracks(tracks.body.node.clone()));
+        if let Err(unused) = self.followed.take(now, &mut self.gather, tracks) {
+            self.refusals.count(&key, unused.label(), unused.reason());
+        }
     }
 
     fn on_status(&mut self, now: CentreTime, status: &Received<NodeStatus>) {
@@ -344,6 +357,7 @@ impl Centre {
         };
         warn!(%node, ?suspicion, "seems to have been moved: registering anew");
         self.gather.forget_before(&node, began);
+        self.followed.forget(&node);
         let resting = self.start_over(&node);
         self.told.extend(resting);
         let suspects = self.poses.suspect(&node, &suspicion);
@@ -419,6 +433,7 @@ impl Centre {
             time: self.gather.middle(period),
             nodes: Vec::new(),
             targets,
+            tracks: Vec::new(),
         }
     }
 
@@ -438,6 +453,8 @@ impl Centre {
 
     fn send_picture(&mut self, now: CentreTime, mut picture: Picture) {
         picture.nodes = outcomes::node_lines(now, &self.gather, &self.poses);
+        self.followed.forget_old(now, Duration::from_secs_f64(self.config.gather.silent_after_s));
+        picture.tracks = self.followed.shown(&self.gather, &self.poses);
         self.outbox.publish(now, Topic::Picture, &picture);
         if self.last_picture.as_ref().is_none_or(|last| last.period <= picture.period) {
             self.last_picture_sent = Some(now);

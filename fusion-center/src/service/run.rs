@@ -25,9 +25,10 @@ const TICK: Duration = Duration::from_millis(50);
 const DIAL_PAUSE: Duration = Duration::from_secs(1);
 
 /// What the centre listens to.
-fn patterns() -> [Pattern; 5] {
+fn patterns() -> [Pattern; 6] {
     [
         Pattern::AllPoints,
+        Pattern::AllTracks,
         Pattern::AllStatus,
         Pattern::AllClockProbes,
         Pattern::Command,

@@ -36,7 +36,7 @@ impl Topic {
     pub fn class(&self) -> Class {
         match self {
             Self::Points(_) => Class::GapFree,
-            Self::Transform(_) | Self::Picture => Class::State,
+            Self::Tracks(_) | Self::Transform(_) | Self::Picture => Class::State,
             _ => Class::Plain,
         }
     }
@@ -48,7 +48,9 @@ impl Pattern {
     pub fn class(&self) -> Class {
         match self {
             Self::AllPoints => Class::GapFree,
-            Self::Transform(_) | Self::AllTransforms | Self::Picture => Class::State,
+            Self::AllTracks | Self::Transform(_) | Self::AllTransforms | Self::Picture => {
+                Class::State
+            }
             _ => Class::Plain,
         }
     }

@@ -76,7 +76,7 @@ pub(super) fn covariance(field: &'static str, cov_m2: [f64; 3]) -> Result<(), In
 }
 
 /// A second moment: finite, not negative.
-fn second_moment(field: &'static str, [xx, xy, yy]: [f64; 3]) -> Result<(), Invalid> {
+pub(super) fn second_moment(field: &'static str, [xx, xy, yy]: [f64; 3]) -> Result<(), Invalid> {
     let finite = [xx, xy, yy].iter().all(|entry| entry.is_finite());
     let slack = 1e-9 * (1.0 + xx.abs() * yy.abs());
     let good = finite && 0.0 <= xx && 0.0 <= yy && xy * xy <= xx * yy + slack;

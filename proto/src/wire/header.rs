@@ -38,6 +38,8 @@ pub enum Kind {
     Command = 7,
     /// [`super::Answer`]
     Answer = 8,
+    /// [`super::NodeTracks`]
+    NodeTracks = 9,
 }
 
 /// Why bytes were not taken for a message.

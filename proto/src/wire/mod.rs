@@ -12,6 +12,7 @@ mod header;
 mod sweep;
 mod to_agent;
 mod to_centre;
+mod tracks;
 
 pub use check::Invalid;
 pub use codec::{MAX_PAYLOAD_BYTES, Message, Received, Stamp, decode, encode};
@@ -23,6 +24,7 @@ pub use to_agent::{
     Registration, Rival, SetsUsed, Suspicion, Transform,
 };
 pub use to_centre::{ClockProbe, Counters, LatencyReport, NodeStatus, PointSet, SourceState};
+pub use tracks::{NodeTracks, TrackInPicture, TrackRecord, TrackStatus, packed_covariance};
 
 #[cfg(test)]
 mod tests;

@@ -98,6 +98,32 @@ fn picture() -> Picture {
         time: CentreTime(2),
         nodes: vec![line()],
         targets: vec![target],
+        tracks: vec![TrackInPicture { node: node(), time: CentreTime(12), track: track(13) }],
+    }
+}
+
+fn track(id: u64) -> TrackRecord {
+    TrackRecord {
+        id,
+        status: TrackStatus::Coasting,
+        state: [1.0, 2.0, -0.5, 0.25],
+        covariance: [1.0, 0.125, 0.25, 0.0, 2.0, 0.0, 0.5, 3.0, 0.0, 4.0],
+        extent_m2: [0.0625, 0.0, 0.03125],
+        appearance: 0.75,
+        unseen_s: 0.5,
+    }
+}
+
+fn tracks() -> NodeTracks {
+    NodeTracks {
+        node: node(),
+        period: 3,
+        time: NodeTime(4),
+        clock: None,
+        half_depth_m: 0.5,
+        half_depth_sigma_m: 0.25,
+        refused_count: 6,
+        tracks: vec![TrackRecord { status: TrackStatus::Tentative, ..track(7) }, track(8)],
     }
 }
 
@@ -137,6 +163,8 @@ fn the_layout_is_frozen() {
         include_str!("golden/registration.hex").trim()
     );
     assert_eq!(hex(&encode(STAMP, &picture()).unwrap()), include_str!("golden/picture.hex").trim());
+    let followed = hex(&encode(STAMP, &tracks()).unwrap());
+    assert_eq!(followed, include_str!("golden/node_tracks.hex").trim());
     let command = Command::Recalibrate { node: Some(node()) };
     assert_eq!(hex(&encode(STAMP, &command).unwrap()), include_str!("golden/command.hex").trim());
     let stated = StatedPose {
@@ -196,6 +224,7 @@ fn every_kind_arrives_as_it_was_sent() {
     assert_eq!((set.stamp, set.body), (STAMP, point_set()));
     assert_returns(&registration());
     assert_returns(&picture());
+    assert_returns(&tracks());
     assert_returns(&status());
     assert_returns(&answer());
     let detached = Outcome::Detached { with: vec![node()] };
@@ -297,6 +326,61 @@ fn senseless_fields_are_refused_on_both_sides() {
     }
     let long = Answer { text: "x".repeat(600), ..answer() };
     assert!(encode(STAMP, &long).unwrap_err().to_string().contains("text is 600"));
+}
+
+#[test]
+fn senseless_tracks_are_refused_on_both_sides() {
+    let refusal = |message: &NodeTracks| encode(STAMP, message).unwrap_err().to_string();
+    let with = |change: fn(&mut TrackRecord)| {
+        let mut bad = track(9);
+        change(&mut bad);
+        let shown = TrackInPicture { node: node(), time: CentreTime(1), track: bad.clone() };
+        let in_picture = Picture { tracks: vec![shown], ..picture() };
+        let said = refusal(&NodeTracks { tracks: vec![track(8), bad], ..tracks() });
+        assert_eq!(encode(STAMP, &in_picture).unwrap_err().to_string(), said);
+        said
+    };
+    assert!(with(|one| one.state[0] = f64::NAN).contains("tracks.state x_m"));
+    assert!(with(|one| one.state[1] = 1e6).contains("tracks.state y_m"));
+    assert!(with(|one| one.state[2] = f64::INFINITY).contains("tracks.state velocity"));
+    assert!(with(|one| one.state[3] = f64::NAN).contains("tracks.state velocity"));
+    assert!(with(|one| one.covariance[0] = -1.0).contains("tracks.covariance"));
+    assert!(with(|one| one.covariance[9] = 0.0).contains("tracks.covariance"));
+    // The velocity cannot hang together with the position more than fully.
+    assert!(with(|one| one.covariance[2] = 2.0).contains("tracks.covariance"));
+    assert!(with(|one| one.covariance[5] = f64::NAN).contains("tracks.covariance"));
+    assert!(with(|one| one.extent_m2[1] = 1.0).contains("tracks.extent_m2"));
+    assert!(with(|one| one.appearance = 1.5).contains("tracks.appearance"));
+    assert!(with(|one| one.unseen_s = -0.1).contains("tracks.unseen_s"));
+    let deep = NodeTracks { half_depth_m: 3.0, ..tracks() };
+    assert!(refusal(&deep).contains("half_depth_m"));
+    let twice = NodeTracks { tracks: vec![track(8), track(8)], ..tracks() };
+    assert!(refusal(&twice).contains("tracks.id is [8, 8]"));
+    let crowd = NodeTracks { tracks: (0..257).map(track).collect(), ..tracks() };
+    assert!(refusal(&crowd).contains("tracks is 257"));
+}
+
+#[test]
+fn the_upper_triangle_is_where_the_documentation_says() {
+    let matrix =
+        nalgebra::Matrix4::from_fn(|row, column| (row.min(column) * 10 + row.max(column)) as f64);
+    let packed = packed_covariance(&matrix);
+    let expected = [0.0, 1.0, 2.0, 3.0, 11.0, 12.0, 13.0, 22.0, 23.0, 33.0];
+    assert!(
+        packed.iter().zip(expected).all(|(got, want)| (got - want).abs() < 1e-12),
+        "{packed:?}"
+    );
+    let record = TrackRecord { covariance: packed, ..track(1) };
+    assert!((record.covariance_matrix() - matrix).norm() < 1e-12);
+}
+
+#[test]
+fn the_largest_tracks_fit_their_limits() {
+    let full = NodeTracks { tracks: (0..256).map(track).collect(), ..tracks() };
+    assert!(encode(STAMP, &full).is_ok());
+    let shown = |id| TrackInPicture { node: node(), time: CentreTime(1), track: track(id) };
+    let crowded = Picture { tracks: (0..1024).map(shown).collect(), ..picture() };
+    assert!(encode(STAMP, &crowded).is_ok());
 }
 
 #[test]

@@ -9,6 +9,7 @@ use super::check::{
 };
 use super::codec::Message;
 use super::header::Kind;
+use super::tracks::{MAX_PICTURE_TRACK_COUNT, TrackInPicture};
 use crate::geom::{Node, Ref, Se2};
 use crate::ids::{BootId, NodeId};
 use crate::time::{CentreTime, NodeTime};
@@ -355,16 +356,21 @@ pub struct Picture {
     pub nodes: Vec<NodeInPicture>,
     /// The targets.
     pub targets: Vec<FusedTarget>,
+    /// The people that registered nodes follow, confirmed or coasting, in `Ref`: the newest of each
+    /// node, by node and id.
+    pub tracks: Vec<TrackInPicture>,
 }
 
 impl Message for Picture {
     const KIND: Kind = Kind::Picture;
-    const SCHEMA: u16 = 2;
+    const SCHEMA: u16 = 3;
     const MAX_BYTES: usize = 512 << 10;
 
     fn check(&self) -> Result<(), Invalid> {
         at_most("nodes", self.nodes.len(), MAX_NODE_COUNT)?;
         at_most("targets", self.targets.len(), MAX_TARGET_COUNT)?;
-        self.targets.iter().try_for_each(FusedTarget::check)
+        self.targets.iter().try_for_each(FusedTarget::check)?;
+        at_most("tracks", self.tracks.len(), MAX_PICTURE_TRACK_COUNT)?;
+        self.tracks.iter().try_for_each(|shown| shown.track.check())
     }
 }
