@@ -16,6 +16,7 @@ use crate::source::{
     Echoes, EchoesConfig, Replay, ReplayConfig, Simulated, SimulatedConfig, SourceError,
     SweepSource,
 };
+use crate::tracking::{TrackingConfig, TrackingMode};
 
 /// A setting that makes no sense.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -42,6 +43,8 @@ pub struct AgentConfig {
     pub output: OutputConfig,
     /// From sweeps to points.
     pub chain: ChainConfig,
+    /// From images to people who are followed.
+    pub tracking: TrackingConfig,
     /// From detections to points.
     pub group: GroupConfig,
     /// Settings of the simulated source.
@@ -129,6 +132,7 @@ impl Default for AgentConfig {
             target: TargetConfig::default(),
             output: OutputConfig::default(),
             chain: ChainConfig::default(),
+            tracking: TrackingConfig::default(),
             group: GroupConfig::default(),
             simulated: SimulatedConfig::default(),
             recorded: ReplayConfig::default(),
@@ -201,7 +205,17 @@ impl AgentConfig {
         let simulated = |error| InvalidConfig(format!("simulated.{error}"));
         self.simulated.scene.check().map_err(simulated)?;
         self.simulated.disturbance.check().map_err(simulated)?;
-        self.check_files()?;
+        self.check_tracking()?;
+        self.check_files()
+    }
+
+    fn check_tracking(&self) -> Result<(), InvalidConfig> {
+        let tracking = &self.tracking;
+        tracking.check().map_err(|error| InvalidConfig(error.to_string()))?;
+        if tracking.mode != TrackingMode::Off && self.source == SourceKind::Recorded {
+            let remedy = "recorded detections have no images to follow people in: use \"off\"";
+            return Err(InvalidConfig(format!("tracking.mode is {:?}: {remedy}", tracking.mode)));
+        }
         Ok(())
     }
 
@@ -293,6 +307,11 @@ mod tests {
         assert!(no_file.check().unwrap_err().to_string().contains("recorded.path"));
         let listens = AgentConfig { bus: BusConfig::router(), ..AgentConfig::default() };
         assert!(listens.check().unwrap_err().to_string().contains("agents dial"));
+        let mut follows = no_file.clone();
+        follows.tracking.mode = TrackingMode::Paper;
+        follows.recorded.path = PathBuf::from("x.csv");
+        let said = follows.check().unwrap_err().to_string();
+        assert!(said.contains("tracking.mode is Paper") && said.contains("\"off\""), "{said}");
         assert!(toml::from_str::<AgentConfig>("[chain.band]\nstart_ghz = 1.6").is_err());
     }
 }

@@ -1,5 +1,7 @@
 //! READ FIRST: one node's whole chain, from a raw sweep to measured points, on one screen.
 
+use std::borrow::Cow;
+
 use rustfft::num_complex::Complex;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -235,11 +237,19 @@ impl ImageView<'_> {
     /// The picture, on `grid`: a copy, or interpolated if the chain measures on polar pixels.
     #[must_use]
     pub fn to_image(&self) -> Image {
-        let amplitude = match self.coherent.pixels {
-            Pixels::Cartesian(_) => self.amplitude.to_vec(),
-            Pixels::Polar(_) => resample(self.coherent, &self.grid).weighted_amplitude(),
-        };
+        let amplitude = self.on_grid().into_owned();
         Image { grid: self.grid, amplitude, noise_amplitude: self.noise_amplitude }
+    }
+
+    /// The amplitude on `grid`: as it is, or interpolated if the chain measures on polar pixels.
+    #[must_use]
+    pub fn on_grid(&self) -> Cow<'_, [f32]> {
+        match self.coherent.pixels {
+            Pixels::Cartesian(_) => Cow::Borrowed(self.amplitude),
+            Pixels::Polar(_) => {
+                Cow::Owned(resample(self.coherent, &self.grid).weighted_amplitude())
+            }
+        }
     }
 }
 

@@ -77,6 +77,18 @@ impl Canvas {
         let Ok(_end) = Text::with_text_style(text, at, font, style).draw(self);
     }
 
+    /// Width and height in pixels.
+    #[must_use]
+    pub fn pixels(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    /// Red, green and blue of every pixel, row by row from the top.
+    #[must_use]
+    pub fn rgb(&self) -> &[u8] {
+        &self.rgb
+    }
+
     /// Writes the canvas as PNG.
     ///
     /// # Errors

@@ -1,19 +1,25 @@
 //! A node's image as a picture for people: decibels in colour, axes in metres, points with their
 //! two-sigma ellipses.
 
+mod animation;
 pub mod canvas;
 mod density;
+mod followed;
+mod paths;
 
 use std::io::Write;
 
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::{Point as Pixel, RgbColor};
-use proto::geom::principal_axes;
+use proto::geom::{Gaussian, Node, principal_axes};
 use proto::measured::MeasuredPoint;
 use proto::radar::Grid;
 
+pub use animation::{Animation, AnimationKind, AnimationShape};
 use canvas::{Anchor, Canvas};
 pub use density::Density;
+pub use followed::draw_tracks;
+pub use paths::{Line, paths_svg};
 
 use crate::pipeline::Image;
 
@@ -27,7 +33,7 @@ const MARGIN_BOTTOM: u32 = 44;
 const MARGIN_RIGHT: u32 = 84;
 const BAR_WIDTH: u32 = 14;
 /// Corners of a drawn ellipse.
-const ELLIPSE_CORNERS: u32 = 48;
+const ELLIPSE_CORNERS: usize = 48;
 const POINT_COLOR: Rgb888 = Rgb888::new(64, 224, 255);
 
 /// What is drawn.
@@ -55,6 +61,12 @@ impl<'a> Picture<'a> {
     /// # Errors
     /// If it cannot be written.
     pub fn write_png(&self, output: impl Write) -> Result<(), png::EncodingError> {
+        self.canvas().write_png(output)
+    }
+
+    /// The picture as pixels.
+    #[must_use]
+    pub fn canvas(&self) -> Canvas {
         let frame = Frame::of(&self.grid);
         let mut canvas = Canvas::new(
             frame.width + MARGIN_RIGHT + MARGIN_LEFT.unsigned_abs(),
@@ -68,7 +80,7 @@ impl<'a> Picture<'a> {
         }
         let middle = MARGIN_LEFT + frame.width.cast_signed() / 2;
         canvas.text(&self.title, Pixel::new(middle, 9), Anchor::Middle);
-        canvas.write_png(output)
+        canvas
     }
 
     fn draw_pixels(&self, canvas: &mut Canvas, frame: &Frame) {
@@ -187,22 +199,34 @@ fn draw_scale(canvas: &mut Canvas, frame: &Frame) {
 
 fn draw_point(canvas: &mut Canvas, frame: &Frame, point: &MeasuredPoint) {
     let position = point.position();
-    let (major_m, minor_m, angle_rad) = principal_axes(&position.cov_m2);
-    let (sin, cos) = angle_rad.sin_cos();
-    let corner = |index: u32| {
-        let turn = std::f64::consts::TAU * f64::from(index) / f64::from(ELLIPSE_CORNERS);
-        let (along_m, across_m) = (2.0 * major_m * turn.cos(), 2.0 * minor_m * turn.sin());
-        frame.place(
-            point.x_m + cos * along_m - sin * across_m,
-            point.y_m + sin * along_m + cos * across_m,
-        )
-    };
-    for index in 0..ELLIPSE_CORNERS {
-        canvas.line(corner(index), corner(index + 1), POINT_COLOR);
-    }
+    draw_ellipse(canvas, frame, &Ellipse { position, color: POINT_COLOR, is_dashed: false });
     let at = frame.place(point.x_m, point.y_m);
     canvas.line(at - Pixel::new(4, 0), at + Pixel::new(4, 0), POINT_COLOR);
     canvas.line(at - Pixel::new(0, 4), at + Pixel::new(0, 4), POINT_COLOR);
+}
+
+/// An ellipse at two standard deviations of `position`.
+struct Ellipse {
+    position: Gaussian<Node>,
+    color: Rgb888,
+    is_dashed: bool,
+}
+
+fn draw_ellipse(canvas: &mut Canvas, frame: &Frame, ellipse: &Ellipse) {
+    let Ellipse { position, color, is_dashed } = ellipse;
+    let (major_m, minor_m, angle_rad) = principal_axes(&position.cov_m2);
+    let (sin, cos) = angle_rad.sin_cos();
+    let corner = |index: usize| {
+        let turn = std::f64::consts::TAU * index as f64 / ELLIPSE_CORNERS as f64;
+        let (along_m, across_m) = (2.0 * major_m * turn.cos(), 2.0 * minor_m * turn.sin());
+        frame.place(
+            position.mean.x_m() + cos * along_m - sin * across_m,
+            position.mean.y_m() + sin * along_m + cos * across_m,
+        )
+    };
+    for index in (0..ELLIPSE_CORNERS).step_by(if *is_dashed { 2 } else { 1 }) {
+        canvas.line(corner(index), corner(index + 1), *color);
+    }
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
 use super::clock::Clock;
+use super::follow::{Follow, Period};
 use super::live::{Live, LiveSweep};
 use super::output::Output;
 use crate::config::AgentConfig;
@@ -42,6 +43,7 @@ pub(super) struct Measure {
     pub(super) clock: Clock,
     pub(super) chain: Chain,
     pub(super) output: Output,
+    pub(super) follow: Follow,
     pub(super) sets: broadcast::Sender<(u64, PointSet)>,
     pub(super) progress: watch::Sender<Progress>,
     pub(super) dropped: watch::Receiver<u64>,
@@ -154,7 +156,7 @@ impl Measure {
 
     fn measure(&mut self, moment: Moment, frame: Frame) {
         let Moment { period, time, source_s } = moment;
-        let points = match self.points(period, frame) {
+        let points = match self.points(moment, frame) {
             Ok(points) => points,
             Err(error) => {
                 warn!(period, %error, "frame refused");
@@ -189,13 +191,16 @@ impl Measure {
         self.progress.send_modify(|progress| progress.next_sequence += 1);
     }
 
-    /// The points of a frame; its picture goes to the output.
-    fn points(&mut self, period: u64, frame: Frame) -> Result<Vec<MeasuredPoint>, ChainError> {
+    /// The points of a frame; its picture goes to the output, and people are followed on it.
+    fn points(&mut self, moment: Moment, frame: Frame) -> Result<Vec<MeasuredPoint>, ChainError> {
+        let Moment { period, time, .. } = moment;
         let now = self.clock.now();
         let node = &self.config.node;
         match frame {
             Frame::Sweep(sweep) => {
-                let Measured { points, image, .. } = self.chain.process_sweep(&sweep)?;
+                let measured = self.chain.process_sweep(&sweep)?;
+                self.follow.take(Period { number: period, time, sweep_s: sweep.time_s }, &measured);
+                let Measured { points, image, .. } = measured;
                 let title = || format!("{node}, period {period}");
                 self.output.show_image(now, title, &image, &points);
                 Ok(points)

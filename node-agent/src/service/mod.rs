@@ -7,6 +7,7 @@
 mod clock;
 mod downlink;
 mod feed;
+mod follow;
 mod live;
 mod measure;
 mod output;

@@ -16,6 +16,7 @@ use tracing::{info, warn};
 
 use super::clock::Clock;
 use super::downlink::{Downlink, Heard};
+use super::follow::{Follow, Newest};
 use super::live::Live;
 use super::measure::{Measure, Progress, Source};
 use super::output::Output;
@@ -54,6 +55,8 @@ pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result
     let (sets, set_receiver) = broadcast::channel(config.bus.history_count);
     let (progress, progress_shown) = watch::channel(Progress::default());
     let (dropped, dropped_shown) = watch::channel(0);
+    let (newest, newest_shown) = watch::channel(None);
+    let follow = Follow::new(&config, newest).context("configuration")?;
     info!(node = %config.node, boot = %sender.boot, source = ?config.source, "agent is up");
 
     let network = Network {
@@ -61,10 +64,12 @@ pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result
         bus: config.bus.clone(),
         sender,
         progress: progress_shown,
+        tracks: newest_shown,
         dropped,
     };
     let network = tokio::spawn(network.run(set_receiver, stop.clone()));
-    let measure = Measure { config, clock, chain, output, sets, progress, dropped: dropped_shown };
+    let measure =
+        Measure { config, clock, chain, output, follow, sets, progress, dropped: dropped_shown };
     measure.run(source, stop.clone()).await;
     network.await.context("the network task")?;
     Ok(())
@@ -76,6 +81,7 @@ struct Network {
     bus: BusConfig,
     sender: Sender,
     progress: watch::Receiver<Progress>,
+    tracks: watch::Receiver<Newest>,
     dropped: watch::Sender<u64>,
 }
 
@@ -90,7 +96,7 @@ impl Network {
         let bus = Arc::new(bus);
         let (estimate, estimate_shown) = watch::channel(None::<ClockEstimate>);
         let (heard, heard_shown) = watch::channel(Heard::default());
-        let Self { keys, sender, progress, dropped, .. } = self;
+        let Self { keys, sender, progress, tracks, dropped, .. } = self;
         let downlink = Downlink::new(keys, sender.clone(), estimate, heard);
         // On a task of its own: sending sets may have to wait, and nothing else may wait with it.
         let mut sending = tokio::spawn(uplink::send_sets(
@@ -101,6 +107,8 @@ impl Network {
             dropped,
         ));
         let asking = uplink::ask_for_time(sender.clone(), bus.as_ref(), estimate_shown.clone());
+        let telling =
+            uplink::tell_tracks(sender.clone(), bus.as_ref(), tracks, estimate_shown.clone());
         let reporting =
             uplink::report_status(sender, bus.as_ref(), progress, heard_shown, estimate_shown);
         tokio::select! {
@@ -108,6 +116,7 @@ impl Network {
             () = downlink.run(deliveries) => {}
             () = asking => {}
             () = reporting => {}
+            () = telling => {}
         }
         // The measuring loop has stopped too, so the queue ends.
         if tokio::time::timeout(DRAIN_LIMIT, &mut sending).await.is_err() {

@@ -14,6 +14,7 @@ use tracing::{error, warn};
 
 use super::clock::Clock;
 use super::downlink::Heard;
+use super::follow::Newest;
 use super::measure::Progress;
 
 /// Questions for the time right after joining, so that the first sets carry a good clock.
@@ -67,6 +68,24 @@ pub(super) async fn send_sets(
             Err(RecvError::Closed) => return,
         }
     }
+}
+
+/// Tells who is followed, with the newest clock estimate; what the network has no time for gives way
+/// to the next. Never ends by itself.
+pub(super) async fn tell_tracks(
+    sender: Sender,
+    bus: &impl Bus,
+    mut newest: watch::Receiver<Newest>,
+    clock: watch::Receiver<Option<ClockEstimate>>,
+) {
+    let topic = Topic::Tracks(sender.node.clone());
+    while newest.changed().await.is_ok() {
+        let Some((sequence, mut tracks)) = newest.borrow_and_update().clone() else { continue };
+        tracks.clock = *clock.borrow();
+        sender.send(bus, &topic, sequence, &tracks).await;
+    }
+    // Measuring has ended; the network is left when the agent is told to.
+    std::future::pending().await
 }
 
 /// Asks for the time once a second, and in bursts at first and when another centre answers.

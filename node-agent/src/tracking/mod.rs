@@ -2,11 +2,13 @@
 //!
 //! Source: \[mean-shift\]. Two trackers stand behind one trait: that of the paper, and the default.
 
+mod config;
 pub mod default;
 pub mod experiments;
 pub mod histogram;
 pub mod maxima;
 pub mod paper;
+mod record;
 pub mod shift;
 pub mod template;
 
@@ -14,6 +16,9 @@ use nalgebra::{Matrix4, Vector4};
 use proto::measured::MeasuredPoint;
 use proto::radar::Grid;
 use thiserror::Error;
+
+pub use config::{TrackingConfig, TrackingMode};
+pub use record::follow;
 
 /// The image of one sweep with the points found in it.
 #[derive(Clone, Copy, Debug)]
@@ -89,6 +94,18 @@ pub enum FrameError {
         /// When the one before was taken.
         previous_s: f64,
     },
+}
+
+impl FrameError {
+    /// A short label of the reason, for counting.
+    #[must_use]
+    pub fn label(&self) -> &'static str {
+        match self {
+            Self::PixelCount { .. } => "pixel_count",
+            Self::NotFinite { .. } => "not_finite",
+            Self::TimeNotAscending { .. } => "time_not_ascending",
+        }
+    }
 }
 
 /// Follows people from frame to frame.
