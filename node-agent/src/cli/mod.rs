@@ -37,6 +37,8 @@ pub struct Arguments {
 enum Command {
     /// Turn recorded echoes into points and pictures.
     Process(offline::ProcessFlags),
+    /// Follow people through recorded echoes.
+    Track(offline::TrackFlags),
     /// Write the sweeps of the configured source to a recording.
     Record(offline::RecordFlags),
     /// Send the sweeps of the configured source to an agent's live intake, as a radar's driver does.
@@ -114,6 +116,9 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     process::main(words, async |arguments: Arguments, stop| match arguments.command {
         Some(Command::Process(flags)) => {
             tokio::task::block_in_place(|| offline::process(&flags, &stop))
+        }
+        Some(Command::Track(flags)) => {
+            tokio::task::block_in_place(|| offline::track(&flags, &stop))
         }
         Some(Command::Record(flags)) => {
             tokio::task::block_in_place(|| offline::record(&flags, &stop))

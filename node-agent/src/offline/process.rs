@@ -11,13 +11,13 @@ use thiserror::Error;
 use tokio_util::sync::CancellationToken;
 
 use super::pictures::Pictures;
-use super::sink::PeriodSink;
+use super::sink::{Beginning, PeriodSink, Seen};
 use super::wall::{WallFound, WallSource, find_wall};
 use crate::imaging::canceller::CancellerConfig;
 use crate::imaging::{InvalidSetting, Sweep};
 use crate::lines::PointsLine;
 use crate::pipeline::{Chain, ChainConfig, ChainError, ChainState};
-use crate::recording::{Recording, RecordingError};
+use crate::recording::{ASSUMED_PERIOD_S, Recording, RecordingError};
 use crate::source::EchoesConfig;
 
 /// How recordings are processed; the radar is the recording's.
@@ -114,7 +114,7 @@ pub fn process(
     progress.finish_and_clear();
     let sealed = if outcome.is_ok() { sink.finish() } else { sink.abandon() };
     let done = outcome?;
-    sealed.map_err(|error| writing("points", &error))?;
+    sealed.map_err(|error| writing(sink.product(), &error))?;
     Ok(done)
 }
 
@@ -210,6 +210,15 @@ impl<'a> Run<'a> {
         stop: &CancellationToken,
     ) -> Result<(), ProcessError> {
         let wanted = self.job.echoes.period_count.unwrap_or(u64::MAX);
+        let times = recording.times();
+        let beginning = Beginning {
+            period_count: recording.period_count().min(wanted),
+            period_s: match recording.period_count() {
+                1 => ASSUMED_PERIOD_S,
+                _ => times.time_s(1) - times.time_s(0),
+            },
+        };
+        sink.begin(&beginning).map_err(|error| writing(sink.product(), &error))?;
         while self.done.period_count < wanted {
             if stop.is_cancelled() {
                 let path = self.done.recording.clone();
@@ -229,6 +238,8 @@ impl<'a> Run<'a> {
         self.done.period_count += 1;
         self.done.point_count += measured.points.len() as u64;
         self.done.warming_up_count += u64::from(measured.state == ChainState::WarmingUp);
+        let seen = Seen { period, time_s: sweep.time_s, measured: &measured };
+        sink.see(&seen).map_err(|error| writing(sink.product(), &error))?;
         let counters = Counters {
             frame_count: self.done.period_count,
             point_count: self.done.point_count,
@@ -243,7 +254,7 @@ impl<'a> Run<'a> {
             half_depth_m: self.options.half_depth_m,
             half_depth_sigma_m: self.options.half_depth_sigma_m,
         };
-        sink.take(&line).map_err(|error| writing("points", &error))?;
+        sink.take(&line).map_err(|error| writing(sink.product(), &error))?;
         let Some(pictures) = &mut self.pictures else { return Ok(()) };
         let node = &self.job.node;
         let title = format!("{node}, period {period}, {:.2} s", sweep.time_s);

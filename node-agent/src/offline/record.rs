@@ -4,15 +4,13 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
-use proto::geom::Point;
-use serde::Serialize;
 use tempfile::NamedTempFile;
 use thiserror::Error;
 use tokio_util::sync::CancellationToken;
 
+use super::truth::{TruthLine, truth_path};
 use crate::config::Opened;
 use crate::recording::{RecordingError, RecordingHeader, RecordingWriter};
-use crate::simulate::Truth;
 use crate::source::{Frame, SourceError};
 
 /// Why a recording was not written.
@@ -90,60 +88,6 @@ pub fn record(
     Ok(written_count)
 }
 
-/// One period's truth, in the node's frame.
-#[derive(Debug, Serialize)]
-struct TruthLine {
-    period: u64,
-    time_s: f64,
-    targets: Vec<TrueTarget>,
-    false_target: Option<Place>,
-    ghosts: Vec<TrueGhost>,
-}
-
-#[derive(Debug, Serialize)]
-struct TrueTarget {
-    x_m: f64,
-    y_m: f64,
-    visible: bool,
-}
-
-#[derive(Debug, Serialize)]
-struct TrueGhost {
-    cause: String,
-    target: usize,
-    x_m: f64,
-    y_m: f64,
-    over_target_db: f64,
-}
-
-#[derive(Debug, Serialize)]
-struct Place {
-    x_m: f64,
-    y_m: f64,
-}
-
-impl TruthLine {
-    fn of(period: u64, time_s: f64, truth: &Truth) -> Self {
-        let place = |point: &Point<_>| Place { x_m: point.coords_m.x, y_m: point.coords_m.y };
-        let targets = truth.targets_in_node.iter().zip(&truth.visible).map(|(point, visible)| {
-            let Place { x_m, y_m } = place(point);
-            TrueTarget { x_m, y_m, visible: *visible }
-        });
-        let ghosts = truth.ghosts.iter().map(|ghost| {
-            let Place { x_m, y_m } = place(&ghost.place);
-            let (target, over_target_db) = (ghost.target_index, ghost.over_target_db);
-            TrueGhost { cause: format!("{:?}", ghost.cause), target, x_m, y_m, over_target_db }
-        });
-        Self {
-            period,
-            time_s,
-            targets: targets.collect(),
-            false_target: truth.false_target.as_ref().map(place),
-            ghosts: ghosts.collect(),
-        }
-    }
-}
-
 /// The file of the truth, made when the first line comes; it has its name when it is whole.
 struct TruthFile {
     path: PathBuf,
@@ -152,7 +96,7 @@ struct TruthFile {
 
 impl TruthFile {
     fn beside(recording: &Path) -> Self {
-        Self { path: recording.with_extension("truth.jsonl"), output: None }
+        Self { path: truth_path(recording), output: None }
     }
 
     fn take(&mut self, line: &TruthLine) -> Result<(), RecordError> {

@@ -1,15 +1,57 @@
-//! Where the points of a recording go: a file, a text, a table.
+//! Where the periods of a recording go: points into a file, a text, a table.
 
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::{self, Write};
+use std::path::Path;
 
+use super::part::PartFile;
 use crate::lines::PointsLine;
+use crate::pipeline::Measured;
 
-/// Takes the points of one period after the other.
+/// What is known of a recording before its first period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beginning {
+    /// Periods that will come, unless the recording is damaged.
+    pub period_count: u64,
+    /// Time from the first to the second, seconds.
+    pub period_s: f64,
+}
+
+/// A period as the chain measured it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Its count.
+    pub period: u64,
+    /// When, in the recording's own time.
+    pub time_s: f64,
+    /// Points and image.
+    pub measured: &'a Measured<'a>,
+}
+
+/// Takes one period after the other.
 pub trait PeriodSink {
-    /// Takes the next period.
+    /// What it makes of them, for messages.
+    fn product(&self) -> &'static str {
+        "points"
+    }
+
+    /// Prepares for a recording.
+    ///
+    /// # Errors
+    /// If something cannot be written.
+    fn begin(&mut self, _beginning: &Beginning) -> io::Result<()> {
+        Ok(())
+    }
+
+    /// Looks at the next period with its image, before [`Self::take`].
+    ///
+    /// # Errors
+    /// If something cannot be written.
+    fn see(&mut self, _seen: &Seen<'_>) -> io::Result<()> {
+        Ok(())
+    }
+
+    /// Takes the points of the next period.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -36,10 +78,7 @@ pub trait PeriodSink {
 /// example, is written as it is.
 #[derive(Debug)]
 pub struct LinesFile {
-    output: BufWriter<File>,
-    part: PathBuf,
-    path: PathBuf,
-    is_empty: bool,
+    file: PartFile,
 }
 
 impl LinesFile {
@@ -48,40 +87,21 @@ impl LinesFile {
     /// # Errors
     /// If it cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let is_special = std::fs::metadata(path).is_ok_and(|about| !about.is_file());
-        let part = if is_special {
-            path.to_owned()
-        } else {
-            let mut name = path.as_os_str().to_owned();
-            name.push(".part");
-            PathBuf::from(name)
-        };
-        let output = BufWriter::new(File::create(&part)?);
-        Ok(Self { output, part, path: path.to_owned(), is_empty: true })
+        Ok(Self { file: PartFile::create(path)? })
     }
 }
 
 impl PeriodSink for LinesFile {
     fn take(&mut self, line: &PointsLine<'_>) -> io::Result<()> {
-        self.is_empty = false;
-        line.write(&mut self.output)
+        line.write(&mut self.file)
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        self.output.flush()?;
-        if self.part == self.path {
-            return Ok(());
-        }
-        std::fs::rename(&self.part, &self.path)
+        self.file.finish()
     }
 
     fn abandon(&mut self) -> io::Result<()> {
-        self.output.flush()?;
-        if self.is_empty && self.part != self.path {
-            std::fs::remove_file(&self.part)
-        } else {
-            Ok(())
-        }
+        self.file.abandon()
     }
 }
 
