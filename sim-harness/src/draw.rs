@@ -2,10 +2,11 @@
 //! \[registration, figure 5\].
 
 use anyhow::anyhow;
-use fusion_center::offline::{COLORS, Layer, picture};
+use fusion_center::offline::{COLORS, Layer, Way, picture};
 use proto::geom::{Node, Point, Ref, Se2};
 use proto::wire::PoseRecord;
 
+use crate::observe::Person;
 use crate::report::{NodePoints, Report};
 
 /// Each node's points in its own frame, as if all frames were one.
@@ -16,6 +17,7 @@ pub(crate) fn before(report: &Report, points: &NodePoints) -> anyhow::Result<Str
         points_m: points.get(&report.nodes[index].node).cloned().unwrap_or_default(),
         estimated: (index == 0).then(Se2::identity),
         truth: None,
+        ways: Vec::new(),
     });
     draw(&format!("{}: before registration, each node in its own frame", report.scenario), &layers)
 }
@@ -40,12 +42,24 @@ pub(crate) fn after(report: &Report, points: &NodePoints) -> anyhow::Result<Stri
             points_m: placed,
             estimated,
             truth: Some(node.truth.into()),
+            ways: ways(report, index),
         }
     });
     draw(
         &format!("{}: after registration, frame of {}", report.scenario, report.reference),
         &layers,
     )
+}
+
+/// The ways of the people whom a node followed, with their ids.
+fn ways(report: &Report, index: usize) -> Vec<Way> {
+    let node = &report.nodes[index].node;
+    let own = report.people.iter().filter(|person| person.last.node == *node);
+    let way = |person: &Person| {
+        let label = person.last.track.id.to_string();
+        Way { label, places_m: person.places_m.clone() }
+    };
+    own.map(way).collect()
 }
 
 fn layers(report: &Report, layer: impl Fn(usize) -> Layer) -> Vec<Layer> {

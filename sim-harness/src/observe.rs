@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 
 use proto::bus::{BusEvent, Delivery, ZenohBus};
 use proto::config::BusConfig;
-use proto::ids::NodeId;
+use proto::ids::{BootId, NodeId};
 use proto::keys::{Keys, Pattern, Topic};
 use proto::wire::{
-    NodeInPicture, NodeState, NodeStatus, Outcome, Picture, Registration, SourceState, decode,
+    NodeInPicture, NodeState, NodeStatus, Outcome, Picture, Registration, SourceState,
+    TrackInPicture, decode,
 };
+use serde::Serialize;
 use tokio::sync::mpsc;
 use tracing::warn;
 
@@ -20,6 +22,18 @@ pub(crate) struct Seen {
     pub(crate) line: Option<NodeInPicture>,
 }
 
+/// Places kept of all tracks together: an hour of ten people at ten periods a second.
+const MAX_PLACE_COUNT: usize = 400_000;
+
+/// Somebody whom a node followed, as the pictures showed it.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Person {
+    /// The newest track.
+    pub(crate) last: TrackInPicture,
+    /// Where the person was, one place for each message of the node, `[x, y]` in `Ref`.
+    pub(crate) places_m: Vec<[f64; 2]>,
+}
+
 /// What is known of a run.
 #[derive(Debug, Default)]
 pub(crate) struct Observer {
@@ -27,6 +41,9 @@ pub(crate) struct Observer {
     pub(crate) picture: Option<Picture>,
     /// Pictures seen so far.
     pub(crate) picture_count: u64,
+    /// Everybody who was followed, by node, the node's life and id.
+    pub(crate) people: BTreeMap<(NodeId, BootId, u64), Person>,
+    place_count: usize,
 }
 
 /// Joins the run's network to watch.
@@ -64,7 +81,26 @@ impl Observer {
             self.nodes.entry(line.node.clone()).or_default().line = Some(line.clone());
         }
         self.picture_count += 1;
+        picture.tracks.iter().for_each(|shown| self.take_track(shown));
         self.picture = Some(picture);
+    }
+
+    fn take_track(&mut self, shown: &TrackInPicture) {
+        let line = self.nodes.get(&shown.node).and_then(|seen| seen.line.as_ref());
+        let Some(boot) = line.map(|line| line.boot) else { return };
+        let key = (shown.node.clone(), boot, shown.track.id);
+        let new = || Person { last: shown.clone(), places_m: Vec::new() };
+        let person = self.people.entry(key).or_insert_with(new);
+        // A picture that is said again says nothing new of where people were.
+        let is_news = person.places_m.is_empty() || person.last.time < shown.time;
+        if is_news && self.place_count < MAX_PLACE_COUNT {
+            let [x_m, y_m, ..] = shown.track.state;
+            person.places_m.push([x_m, y_m]);
+            self.place_count += 1;
+        }
+        if is_news {
+            person.last = shown.clone();
+        }
     }
 }
 

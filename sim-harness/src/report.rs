@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::draw;
 use crate::launch::Incident;
-use crate::observe::{Observer, Seen};
+use crate::observe::{Observer, Person, Seen};
 use crate::plan::Plan;
 use crate::resources::Usage;
 use crate::score::{NodeScore, score};
@@ -29,6 +29,8 @@ pub(crate) struct Report {
     pub(crate) nodes: Vec<NodeScore>,
     pub(crate) last_picture: Vec<FusedTarget>,
     pub(crate) picture_count: u64,
+    /// Everybody whom a node followed, in `Ref`, by node and id.
+    pub(crate) people: Vec<Person>,
     /// Processes that ended on the way.
     pub(crate) incidents: Vec<Incident>,
     pub(crate) resources: BTreeMap<String, Usage>,
@@ -65,6 +67,7 @@ impl Report {
             nodes,
             last_picture: observer.picture.as_ref().map_or(Vec::new(), |p| p.targets.clone()),
             picture_count: observer.picture_count,
+            people: observer.people.values().cloned().collect(),
             incidents,
             resources,
             folder: plan.folder.clone(),
@@ -106,8 +109,28 @@ impl Report {
         }
         let verdict = if self.success { "all within bounds" } else { "NOT all within bounds" };
         let Self { scenario, seed, solver, folder, .. } = self;
-        let folder = folder.display();
-        format!("{scenario}, seed {seed}, solver {solver}: {verdict}\n{table}\nfiles in {folder}\n")
+        let (folder, followed) = (folder.display(), self.followed());
+        format!(
+            "{scenario}, seed {seed}, solver {solver}: {verdict}\n{table}\n{followed}files in {folder}\n"
+        )
+    }
+}
+
+impl Report {
+    /// Whom each node followed, a line for each; nothing where nobody was followed.
+    fn followed(&self) -> String {
+        let of = |node: &NodeId| -> Vec<String> {
+            let own = self.people.iter().filter(|person| person.last.node == *node);
+            let told = own.map(|person| {
+                let [x_m, y_m, ..] = person.last.track.state;
+                let count = person.places_m.len();
+                format!("{} to ({x_m:.2}, {y_m:.2}) m in {count} places", person.last.track.id)
+            });
+            told.collect()
+        };
+        let told = self.nodes.iter().map(|node| (&node.node, of(&node.node)));
+        let lines = told.filter(|(_, people)| !people.is_empty());
+        lines.map(|(node, people)| format!("{node} followed {}\n", people.join(", "))).collect()
     }
 }
 

@@ -4,7 +4,7 @@ use plotters::chart::{ChartBuilder, ChartContext};
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::{
     BLACK, Cartesian2d, Circle, Color, Cross, IntoDrawingArea, IntoFont, PathElement, RGBColor,
-    SVGBackend, SeriesLabelPosition, ShapeStyle, TriangleMarker, WHITE,
+    SVGBackend, SeriesLabelPosition, ShapeStyle, Text, TriangleMarker, WHITE,
 };
 use proto::geom::{Node, Point, Ref, Se2};
 
@@ -37,6 +37,17 @@ pub struct Layer {
     pub estimated: Option<Se2<Ref, Node>>,
     /// Where it stands; a cross.
     pub truth: Option<Se2<Ref, Node>>,
+    /// The ways of people whom the node follows; thin lines with their labels.
+    pub ways: Vec<Way>,
+}
+
+/// One person's way in the picture's frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Way {
+    /// What stands at its end.
+    pub label: String,
+    /// The way, metres.
+    pub places_m: Vec<[f64; 2]>,
 }
 
 /// The picture as SVG.
@@ -104,6 +115,19 @@ fn draw_layer(
         chart.draw_series([PathElement::new(arrow, color.stroke_width(2))])?;
         chart.draw_series([TriangleMarker::new((at.x, at.y), 7, color.filled())])?;
     }
+    layer.ways.iter().try_for_each(|way| draw_way(chart, color, way))
+}
+
+fn draw_way(
+    chart: &mut Chart<'_>,
+    color: RGBColor,
+    way: &Way,
+) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    let places = way.places_m.iter().map(|[x, y]| (*x, *y));
+    chart.draw_series([PathElement::new(places.collect::<Vec<_>>(), color.stroke_width(1))])?;
+    let Some([x, y]) = way.places_m.last() else { return Ok(()) };
+    let font = ("sans-serif", 11).into_font().color(&color);
+    chart.draw_series([Text::new(way.label.clone(), (*x, *y), font)])?;
     Ok(())
 }
 
@@ -112,7 +136,8 @@ fn square_around(layers: &[Layer]) -> [std::ops::Range<f64>; 2] {
     let places = layers.iter().flat_map(|layer| {
         let poses = layer.estimated.iter().chain(&layer.truth);
         let nodes = poses.map(|pose| [pose.translation_m().x, pose.translation_m().y]);
-        layer.points_m.iter().copied().chain(nodes)
+        let ways = layer.ways.iter().flat_map(|way| way.places_m.iter().copied());
+        layer.points_m.iter().copied().chain(nodes).chain(ways)
     });
     let mut ranges = [(f64::MAX, f64::MIN); 2];
     for place in places {

@@ -16,6 +16,6 @@ mod run;
 
 pub use answer::Answer;
 pub use clocks::ClockJson;
-pub use draw::{COLORS, Layer, picture};
+pub use draw::{COLORS, Layer, Way, picture};
 pub use input::{Asked, InputError, read_folder, read_problem};
 pub use run::{Options, register};

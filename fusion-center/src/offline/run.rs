@@ -231,6 +231,7 @@ fn before(problem: &SiteProblem) -> Vec<Layer> {
         points_m: points_of(view).map(Into::into).collect(),
         estimated: None,
         truth: None,
+        ways: Vec::new(),
     };
     problem.views.iter().enumerate().map(layer).collect()
 }
