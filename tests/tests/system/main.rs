@@ -19,3 +19,4 @@ mod nothing_left_behind;
 mod recordings;
 mod register;
 mod support;
+mod tracks;

@@ -28,24 +28,24 @@ way_points = [{ time_s = 0.0, x_m = -1.5, y_m = 3.0 }, { time_s = 1.2, x_m = -0.
 way_points = [{ time_s = 0.0, x_m = 1.0, y_m = 6.0 }, { time_s = 1.2, x_m = 2.0, y_m = 5.0 }]
 "#;
 
-fn agent(folder: &Path) -> Command {
+pub(super) fn agent(folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_transmural-under-test"));
     command.arg0("node-agent").current_dir(folder);
     command
 }
 
-fn run(folder: &Path, arguments: &[&str]) -> Output {
+pub(super) fn run(folder: &Path, arguments: &[&str]) -> Output {
     agent(folder).args(arguments).output().unwrap()
 }
 
-fn succeeds(folder: &Path, arguments: &[&str]) -> String {
+pub(super) fn succeeds(folder: &Path, arguments: &[&str]) -> String {
     let output = run(folder, arguments);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{arguments:?}: {said}");
     String::from_utf8(output.stdout).unwrap()
 }
 
-fn lines(text: &str) -> Vec<Value> {
+pub(super) fn lines(text: &str) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
