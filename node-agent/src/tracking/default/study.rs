@@ -79,12 +79,15 @@ fn owners(told: &[&Track], middles_m: &[Vector2<f64>; 2]) -> [Option<usize>; 2] 
     [chosen[0], chosen[1]]
 }
 
+/// The track that follows somebody, and where he truly is.
+type Followed = (u64, Vector2<f64>);
+
 fn run(experiment: Experiment, config: &DefaultConfig, seed: u64) -> Score {
     let stage = Stage::new(experiment, &in_the_room(ChainConfig::default())).unwrap();
     let mut tracker = DefaultTracker::new(config).unwrap();
     let mut score = Score { run_count: 1.0, ..Score::default() };
     let mut last: [Option<u64>; 2] = [None; 2];
-    let mut past: Vec<[Option<(u64, Vector2<f64>)>; 2]> = Vec::new();
+    let mut past: Vec<[Option<Followed>; 2]> = Vec::new();
     let watch = |shown: &Shown<'_>| {
         let tracks = tracker.track(&shown.frame)?;
         let told: Vec<&Track> =
@@ -108,13 +111,13 @@ fn run(experiment: Experiment, config: &DefaultConfig, seed: u64) -> Score {
         }
         past.push(now);
         let then = past.len().checked_sub(1 + LAG).map_or([None; 2], |index| past[index]);
-        for told in tracker.smoothed().filter(|s| 0.95 < shown.frame.time_s - s.time_s) {
-            let Some((_, truth_m)) = then.iter().flatten().find(|(id, _)| *id == told.id) else {
+        for late in tracker.smoothed().filter(|s| 0.95 < shown.frame.time_s - s.time_s) {
+            let Some((_, truth_m)) = then.iter().flatten().find(|(id, _)| *id == late.id) else {
                 continue;
             };
-            let off_m = place_m(&told.state) - truth_m;
+            let off_m = place_m(&late.state) - truth_m;
             score.smooth_m2 += counted * off_m.norm_squared();
-            score.smooth_nees += counted * nees(&off_m, &told.covariance);
+            score.smooth_nees += counted * nees(&off_m, &late.covariance);
             score.smooth_count += counted;
         }
         Ok(())
