@@ -5,11 +5,12 @@
 //! seed ─ echoes ─ chain ─► frames ─ every tracker ─► Scorer ─► Outcome ─► Summary ─► table, JSON, pictures
 //! ```
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use anyhow::ensure;
 use clap::ValueEnum;
-use node_agent::tracking::experiments::Experiment as Scene;
+use node_agent::tracking::experiments::{Experiment as Scene, IMAGE_SNR_DB};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::Serialize;
@@ -36,6 +37,8 @@ use trial::{Paths, Theatre};
 
 /// More trials than anyone waits for.
 const MAX_TRIAL_COUNT: usize = 100_000;
+/// Signal-to-noise ratios in images that make any sense, decibels.
+const SNR_RANGE_DB: RangeInclusive<f64> = -20.0..=100.0;
 /// Nobody needs to be followed for this long: the 20 frames over which \[mean-shift\] decides.
 const ALLOWANCE_S: f64 = 2.0;
 /// Cut-offs of GOSPA and OSPA: half of what people keep between them, so that an estimate in the
@@ -92,6 +95,9 @@ pub(crate) struct Flags {
     /// A track farther from somebody than this does not follow them, metres.
     #[arg(long, default_value_t = 0.5, allow_negative_numbers = true)]
     gate_m: f64,
+    /// Signal-to-noise ratio of people in the image, mean over walk and fading, decibels.
+    #[arg(long, default_value_t = IMAGE_SNR_DB, allow_negative_numbers = true)]
+    snr_db: f64,
 }
 
 /// What is to be done.
@@ -101,6 +107,7 @@ pub(crate) struct Experiment {
     seed: u64,
     entrants: Vec<Entrant>,
     settings: Settings,
+    snr_db: f64,
 }
 
 impl Experiment {
@@ -109,9 +116,10 @@ impl Experiment {
     /// # Errors
     /// Says what makes no sense and what would do.
     pub(crate) fn new(flags: &Flags) -> anyhow::Result<Self> {
-        let Flags { trials, seed, gate_m, .. } = *flags;
+        let Flags { trials, seed, gate_m, snr_db, .. } = *flags;
         let is_count = (1..=MAX_TRIAL_COUNT).contains(&trials);
         ensure!(is_count, "--trials is {trials}: use 1 to {MAX_TRIAL_COUNT}");
+        ensure!(SNR_RANGE_DB.contains(&snr_db), "--snr-db is {snr_db}: use -20 to 100");
         let settings = Settings {
             gate_m,
             allowance_s: ALLOWANCE_S,
@@ -127,7 +135,7 @@ impl Experiment {
             entrants = Entrant::value_variants().to_vec();
         }
         entrants.dedup();
-        Ok(Self { scenes, trial_count: trials, seed, entrants, settings })
+        Ok(Self { scenes, trial_count: trials, seed, entrants, settings, snr_db })
     }
 
     /// A short name for folders.
@@ -148,12 +156,13 @@ impl Experiment {
             trial_count: self.trial_count,
             seed: self.seed,
             settings: self.settings,
+            snr_db: self.snr_db,
             elapsed_s: started.elapsed().as_secs_f64(),
         })
     }
 
     fn run_scene(&self, scene: Scene, stop: &CancellationToken) -> anyhow::Result<SceneResult> {
-        let theatre = Theatre::new(scene, &self.entrants, self.settings)?;
+        let theatre = Theatre::new(scene, &self.entrants, self.settings)?.at_snr_db(self.snr_db);
         let label = LABELS[scene.number() - 1];
         let work = Work { count: self.trial_count, label, stop };
         let (trials, took) =

@@ -23,6 +23,8 @@ pub(crate) struct Report {
     pub(super) trial_count: usize,
     /// What counts as found, and how far GOSPA and OSPA look.
     pub(super) settings: Settings,
+    /// Signal-to-noise ratio of people in the image, decibels.
+    pub(super) snr_db: f64,
     pub(super) experiments: Vec<SceneResult>,
     /// How long all of it took, seconds. Differs from run to run.
     pub(super) elapsed_s: f64,
@@ -78,8 +80,10 @@ impl Report {
     }
 
     fn title(&self) -> String {
-        let Self { trial_count, seed, elapsed_s, .. } = self;
-        format!("mean-shift experiments, {trial_count} trials, seed {seed}, {elapsed_s:.1} s")
+        let Self { trial_count, seed, snr_db, elapsed_s, .. } = self;
+        format!(
+            "mean-shift experiments, {snr_db} dB in the image, {trial_count} trials, seed {seed}, {elapsed_s:.1} s"
+        )
     }
 
     fn notes(&self) -> String {

@@ -65,6 +65,12 @@ impl Theatre {
         Ok(Self { stages, entrants: entrants.to_vec(), settings })
     }
 
+    /// The same with another signal-to-noise ratio in the images, decibels.
+    pub(super) fn at_snr_db(self, snr_db: f64) -> Self {
+        let stages = self.stages.into_iter().map(|(kind, stage)| (kind, stage.at_snr_db(snr_db)));
+        Self { stages: stages.collect(), ..self }
+    }
+
     /// Everybody's outcome, in the order of the entrants. All see the same people and the same noise.
     ///
     /// # Errors
