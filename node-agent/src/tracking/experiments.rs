@@ -1,6 +1,6 @@
 //! The four experiments of the mean-shift paper, simulated frame by frame with their truth.
 //!
-//! Room, wall and walks are those of [`presets`]; array and band those of \[mean-shift\]. The paper
+//! Room, wall and walks are those of `simulate::presets`; array and band those of \[mean-shift\]. The paper
 //! measures in a real room and states no speed: here the longer walk of an experiment is done once
 //! there and back in the 14 s, and both people walk at the same speed (0.86, 0.57, 0.71 and
 //! 0.57 m/s in experiments 1 to 4; in the second the person on the shorter walk goes twice).
