@@ -26,6 +26,7 @@ mod picture;
 mod raster;
 mod report;
 mod score;
+mod sheet;
 mod solvers;
 mod statistics;
 #[cfg(test)]

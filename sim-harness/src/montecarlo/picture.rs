@@ -1,21 +1,19 @@
 //! Cumulative curves of the errors, as SVG and as PNG by one routine.
 
-use anyhow::anyhow;
-use node_agent::plot::canvas::Canvas;
 use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
-use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
+use plotters::drawing::DrawingArea;
 use plotters::prelude::{
-    BLACK, Cartesian2d, Color, Cross, DashedLineSeries, IntoDrawingArea, IntoFont, LineSeries,
-    PathElement, Polygon, RGBColor, SVGBackend, WHITE,
+    BLACK, Cartesian2d, Color, Cross, DashedLineSeries, IntoFont, LineSeries, PathElement, Polygon,
+    RGBColor, WHITE,
 };
 use plotters_backend::DrawingBackend;
 
 use super::Figure;
-use super::raster::Raster;
 use super::report::Report;
 use super::score::{BOX_ANGLE_DEG, BOX_POSITION_M, CurvePoint, MethodScore};
+use super::sheet::{Drawn, Sheet};
 use fusion_center::offline::COLORS;
 
 const PANEL_SIZE: (u32, u32) = (560, 330);
@@ -59,7 +57,6 @@ pub(super) struct Page {
     panels: Vec<Panel>,
 }
 
-type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 impl Page {
@@ -90,37 +87,12 @@ impl Page {
     fn row_count(&self) -> usize {
         self.panels.len() / 2
     }
+}
 
+impl Sheet for Page {
     fn size(&self) -> anyhow::Result<(u32, u32)> {
         let rows = u32::try_from(self.row_count())?;
         Ok((2 * PANEL_SIZE.0, rows * PANEL_SIZE.1 + HEADING_PIXELS))
-    }
-
-    /// The picture as SVG.
-    ///
-    /// # Errors
-    /// If it cannot be drawn.
-    pub(super) fn svg(&self) -> anyhow::Result<String> {
-        let mut svg = String::new();
-        let area = SVGBackend::with_string(&mut svg, self.size()?).into_drawing_area();
-        self.draw(&area).map_err(|error| anyhow!("drawing the curves as SVG: {error}"))?;
-        drop(area);
-        Ok(svg)
-    }
-
-    /// The picture as PNG.
-    ///
-    /// # Errors
-    /// If it cannot be drawn or written.
-    pub(super) fn png(&self) -> anyhow::Result<Vec<u8>> {
-        let size = self.size()?;
-        let mut canvas = Canvas::new(size.0, size.1);
-        let area = Raster::new(&mut canvas, size).into_drawing_area();
-        self.draw(&area).map_err(|error| anyhow!("drawing the curves as PNG: {error}"))?;
-        drop(area);
-        let mut png = Vec::new();
-        canvas.write_png(&mut png)?;
-        Ok(png)
     }
 
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::Context;
 use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use comfy_table::{CellAlignment, Table};
 use serde::Serialize;
 
 use super::picture::Page;
 use super::score::{MethodScore, Reach};
+use super::sheet::{Sheet, document, write};
 use super::{ConditionResult, Figure, Level};
 
 /// The solver that must reach the bars.
@@ -137,13 +137,7 @@ impl Report {
     /// # Errors
     /// If a number cannot be written as JSON.
     pub(crate) fn json(&self) -> anyhow::Result<String> {
-        #[derive(Serialize)]
-        struct Document<'a> {
-            #[serde(flatten)]
-            report: &'a Report,
-            bars: Vec<Bar>,
-        }
-        Ok(serde_json::to_string(&Document { report: self, bars: self.bars() })?)
+        document(self, self.bars())
     }
 
     /// Writes `montecarlo.json`, `errors.svg` and `errors.png` into the folder.
@@ -151,14 +145,8 @@ impl Report {
     /// # Errors
     /// If they cannot be drawn or written.
     pub(super) fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        let write = |name: &str, bytes: &[u8]| {
-            let path = folder.join(name);
-            std::fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))
-        };
-        write("montecarlo.json", self.json()?.as_bytes())?;
-        let page = Page::of(self);
-        write("errors.svg", page.svg()?.as_bytes())?;
-        write("errors.png", &page.png()?)
+        write(folder, "montecarlo.json", self.json()?.as_bytes())?;
+        Page::of(self).write(folder, "errors")
     }
 
     /// Heading of the picture.

@@ -1,19 +1,15 @@
 //! One experiment as a picture: paths of the first trial, true and estimated, as figure 4 of
 //! \[mean-shift\] shows them, and how errors go over time. SVG and PNG by one routine.
 
-use anyhow::anyhow;
 use fusion_center::offline::COLORS;
-use node_agent::plot::canvas::Canvas;
 use node_agent::tracking::experiments::{DURATION_S, FRAME_S, room};
 use plotters::chart::{ChartBuilder, SeriesLabelPosition};
 use plotters::coord::Shift;
-use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
-use plotters::prelude::{
-    BLACK, Color, IntoDrawingArea, IntoFont, LineSeries, PathElement, RGBColor, SVGBackend, WHITE,
-};
+use plotters::drawing::DrawingArea;
+use plotters::prelude::{BLACK, Color, IntoFont, LineSeries, PathElement, RGBColor, WHITE};
 use plotters_backend::DrawingBackend;
 
-use super::super::raster::Raster;
+use super::super::sheet::{Drawn, Sheet};
 use super::report::Report;
 use super::summary::MomentFigures;
 use super::{SceneResult, TrackerResult};
@@ -28,8 +24,6 @@ const LIGHT_GREY: RGBColor = RGBColor(228, 228, 228);
 const LEGEND_SIZE: u32 = 16;
 /// Up to where errors are drawn, metres: the gate is 0.5 m if not set otherwise.
 const ERROR_REACH_M: f64 = 0.6;
-
-type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 /// All that is drawn of one experiment.
 pub(super) struct Page<'a> {
@@ -46,38 +40,13 @@ impl<'a> Page<'a> {
         );
         Self { heading, trackers: &result.trackers }
     }
+}
 
+impl Sheet for Page<'_> {
     fn size(&self) -> anyhow::Result<(u32, u32)> {
         // The heading needs the width of two panels.
         let panel_count = u32::try_from(self.trackers.len())?.max(2);
         Ok((panel_count * PATHS_SIZE.0, HEADING_PIXELS + PATHS_SIZE.1 + 2 * CURVES_HEIGHT))
-    }
-
-    /// The picture as SVG.
-    ///
-    /// # Errors
-    /// If it cannot be drawn.
-    pub(super) fn svg(&self) -> anyhow::Result<String> {
-        let mut svg = String::new();
-        let area = SVGBackend::with_string(&mut svg, self.size()?).into_drawing_area();
-        self.draw(&area).map_err(|error| anyhow!("drawing the paths as SVG: {error}"))?;
-        drop(area);
-        Ok(svg)
-    }
-
-    /// The picture as PNG.
-    ///
-    /// # Errors
-    /// If it cannot be drawn or written.
-    pub(super) fn png(&self) -> anyhow::Result<Vec<u8>> {
-        let size = self.size()?;
-        let mut canvas = Canvas::new(size.0, size.1);
-        let area = Raster::new(&mut canvas, size).into_drawing_area();
-        self.draw(&area).map_err(|error| anyhow!("drawing the paths as PNG: {error}"))?;
-        drop(area);
-        let mut png = Vec::new();
-        canvas.write_png(&mut png)?;
-        Ok(png)
     }
 
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
@@ -96,7 +65,9 @@ impl<'a> Page<'a> {
         self.draw_curves(&unfound, (other_title, 1.02), |moment| Some(moment.unfound_share))?;
         area.present()
     }
+}
 
+impl Page<'_> {
     fn draw_curves<B: DrawingBackend>(
         &self,
         place: &DrawingArea<B, Shift>,

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use anyhow::Context;
 use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use comfy_table::{CellAlignment, Table};
 use serde::Serialize;
 
+use super::super::sheet::{Sheet, document, write};
 use super::picture::Page;
 use super::published::{Bounds, bounds};
 use super::summary::{Figure, Figures};
@@ -110,13 +110,7 @@ impl Report {
     /// # Errors
     /// If a number cannot be written as JSON.
     pub(crate) fn json(&self) -> anyhow::Result<String> {
-        #[derive(Serialize)]
-        struct Document<'a> {
-            #[serde(flatten)]
-            report: &'a Report,
-            bars: Vec<Bar>,
-        }
-        Ok(serde_json::to_string(&Document { report: self, bars: self.bars() })?)
+        document(self, self.bars())
     }
 
     /// Writes `montecarlo.json` and each experiment's picture, as SVG and as PNG, into the folder.
@@ -124,15 +118,9 @@ impl Report {
     /// # Errors
     /// If they cannot be drawn or written.
     pub(super) fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        let write = |name: &str, bytes: &[u8]| {
-            let path = folder.join(name);
-            std::fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))
-        };
-        write("montecarlo.json", self.json()?.as_bytes())?;
+        write(folder, "montecarlo.json", self.json()?.as_bytes())?;
         for result in &self.experiments {
-            let page = Page::of(self, result);
-            write(&format!("experiment-{}.svg", result.number), page.svg()?.as_bytes())?;
-            write(&format!("experiment-{}.png", result.number), &page.png()?)?;
+            Page::of(self, result).write(folder, &format!("experiment-{}", result.number))?;
         }
         Ok(())
     }
