@@ -12,4 +12,5 @@ pub mod service;
 pub mod simulate;
 pub mod simulate_site;
 mod statistics;
+pub mod tracking;
 mod usable;

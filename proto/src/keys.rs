@@ -3,6 +3,7 @@
 //! ```text
 //! transmural/1/{site}/up/{node}/points    agent to centre   gap-free
 //! transmural/1/{site}/up/{node}/tracks    agent to centre   people followed, last one kept
+//! transmural/1/{site}/up/{node}/dwells    agent to centre   plots of a wide-area radar, gap-free
 //! transmural/1/{site}/up/{node}/status    agent to centre   once a second
 //! transmural/1/{site}/up/{node}/clock     agent to centre   "what time is it there?"
 //! transmural/1/{site}/down/clock/{node}   centre to agent   the answer
@@ -30,6 +31,8 @@ pub enum Topic {
     Points(NodeId),
     /// The people that a node follows.
     Tracks(NodeId),
+    /// The plots of a wide-area radar, dwell by dwell.
+    Dwells(NodeId),
     /// A node's status.
     Status(NodeId),
     /// A node's clock probes.
@@ -59,6 +62,8 @@ pub enum Pattern {
     AllPoints,
     /// The people that everybody follows.
     AllTracks,
+    /// The plots of all wide-area radars.
+    AllDwells,
     /// Everybody's status.
     AllStatus,
     /// Everybody's clock probes.
@@ -110,6 +115,7 @@ impl Keys {
         self.with_prefix(match topic {
             Topic::Points(node) => format!("up/{node}/points"),
             Topic::Tracks(node) => format!("up/{node}/tracks"),
+            Topic::Dwells(node) => format!("up/{node}/dwells"),
             Topic::Status(node) => format!("up/{node}/status"),
             Topic::ClockProbe(node) => format!("up/{node}/clock"),
             Topic::ClockAnswer(node) => format!("down/clock/{node}"),
@@ -129,6 +135,7 @@ impl Keys {
         self.with_prefix(match pattern {
             Pattern::AllPoints => "up/*/points".to_owned(),
             Pattern::AllTracks => "up/*/tracks".to_owned(),
+            Pattern::AllDwells => "up/*/dwells".to_owned(),
             Pattern::AllStatus => "up/*/status".to_owned(),
             Pattern::AllClockProbes => "up/*/clock".to_owned(),
             Pattern::ClockAnswer(node) => format!("down/clock/{node}"),
@@ -160,6 +167,7 @@ impl Keys {
         Some(match chunks.as_slice() {
             ["up", node, "points"] => Topic::Points(node.parse().ok()?),
             ["up", node, "tracks"] => Topic::Tracks(node.parse().ok()?),
+            ["up", node, "dwells"] => Topic::Dwells(node.parse().ok()?),
             ["up", node, "status"] => Topic::Status(node.parse().ok()?),
             ["up", node, "clock"] => Topic::ClockProbe(node.parse().ok()?),
             ["down", "clock", node] => Topic::ClockAnswer(node.parse().ok()?),
@@ -205,6 +213,7 @@ mod tests {
         vec![
             (Topic::Points(node.clone()), Pattern::AllPoints),
             (Topic::Tracks(node.clone()), Pattern::AllTracks),
+            (Topic::Dwells(node.clone()), Pattern::AllDwells),
             (Topic::Status(node.clone()), Pattern::AllStatus),
             (Topic::ClockProbe(node.clone()), Pattern::AllClockProbes),
             (Topic::ClockAnswer(node.clone()), Pattern::ClockAnswer(node.clone())),

@@ -40,6 +40,8 @@ pub enum Kind {
     Answer = 8,
     /// [`super::NodeTracks`]
     NodeTracks = 9,
+    /// [`super::Dwell`]
+    Dwell = 10,
 }
 
 /// Why bytes were not taken for a message.

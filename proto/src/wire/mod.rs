@@ -8,6 +8,7 @@
 mod check;
 mod codec;
 mod command;
+mod dwell;
 mod header;
 mod sweep;
 mod to_agent;
@@ -17,6 +18,7 @@ mod tracks;
 pub use check::Invalid;
 pub use codec::{MAX_PAYLOAD_BYTES, Message, Received, Stamp, decode, encode};
 pub use command::{Answer, Command, StatedPose};
+pub use dwell::{Dwell, DwellArea, DwellReport, FlightRecord, GeoRecord};
 pub use header::{HEADER_BYTES, Kind, Refusal};
 pub use sweep::{RawSweep, SWEEP_HEADER_BYTES, SweepRefusal};
 pub use to_agent::{
