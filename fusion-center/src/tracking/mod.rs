@@ -5,6 +5,9 @@
 //! come in order of time, several may have the same time. Trackers stand behind one trait: the
 //! default, the association of \[wide-area\], and its two rivals.
 
+pub mod assign;
+pub mod gate;
+
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 use thiserror::Error;
 

@@ -1,0 +1,151 @@
+//! How likely each pair of a component is, over all its assignments (joint probabilistic data
+//! association).
+
+use super::local::{Local, Placement};
+use super::sweep::{Sweep, SweepMemory};
+use super::{BestLimits, Component, KBest, Solved, reset};
+
+/// How much work the probabilities of one component may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MarginalLimits {
+    /// Most sets of taken columns to be told apart between two rows in the exact sum.
+    pub state_count: usize,
+    /// Where that is not enough: the assignments to sum over.
+    pub best: BestLimits,
+}
+
+impl Default for MarginalLimits {
+    /// 1,024 sets: exact for 10 columns in any arrangement, and for long chains. The 64 cheapest
+    /// assignments within 20 nats (one in 5·10⁸).
+    fn default() -> Self {
+        Self { state_count: 1024, best: BestLimits { count: 64, extra: 20.0 } }
+    }
+}
+
+/// What the probabilities were summed over.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Basis {
+    /// All assignments.
+    All,
+    /// The cheapest only.
+    Best {
+        /// How many.
+        count: usize,
+        /// Each of the others has at most `exp(-rest_from)` of the best one's weight, nats.
+        rest_from: f64,
+    },
+}
+
+/// Finds association probabilities and keeps the memory for it.
+#[derive(Clone, Debug, Default)]
+pub struct Marginals {
+    local: Local,
+    best: Placement,
+    sweep: SweepMemory,
+    k_best: KBest,
+    of_edges: Vec<f64>,
+    of_without: Vec<f64>,
+    of_unclaimed: Vec<f64>,
+}
+
+impl Marginals {
+    /// Probability of every edge of the component where an assignment has weight `exp(-cost)`:
+    /// `p_nm = Σ_{a with n-m} exp(-c(a)) / Σ_a exp(-c(a))` \[jpda\]. Edges of cost 0 and more count
+    /// too. `component` must be of the same edges.
+    ///
+    /// All assignments are summed, row after row, over the sets of columns that are taken and that
+    /// rows to come may want (equal sets are one: as \[ehm\] does). Weights are those of reduced
+    /// costs, `exp(-(c_nm - u_n - v_m))`, `exp(u_n)` for a row without and `exp(v_m)` for a column
+    /// that nobody takes: the product is 1 for the best assignment and less for all others, so what
+    /// underflows is nothing. Where there are more sets than the limit, the sum is over the
+    /// cheapest assignments.
+    pub fn find<'a>(
+        &'a mut self,
+        solved: Solved<'_>,
+        component: Component<'a>,
+        limits: MarginalLimits,
+    ) -> Probabilities<'a> {
+        self.local.take(solved, component);
+        self.best.take(solved, component, &self.local);
+        reset(&mut self.of_edges, self.local.edge_count(), 0.0);
+        reset(&mut self.of_without, self.local.row_count(), 0.0);
+        let mut sweep = Sweep::new(&mut self.sweep, &self.local, &self.best);
+        let is_summed = sweep.run(limits.state_count, &mut self.of_edges, &mut self.of_without);
+        let basis =
+            if is_summed { Basis::All } else { self.sum_best(solved, component, limits.best) };
+        self.sum_columns();
+        Probabilities { marginals: self, component, basis }
+    }
+
+    fn sum_best(
+        &mut self,
+        solved: Solved<'_>,
+        component: Component<'_>,
+        limits: BestLimits,
+    ) -> Basis {
+        self.of_edges.fill(0.0);
+        self.of_without.fill(0.0);
+        let ranked = self.k_best.find(solved, component, limits);
+        let total: f64 = ranked.iter().map(|one| (-one.extra).exp()).sum();
+        for one in ranked.iter() {
+            let probability = (-one.extra).exp() / total;
+            for (row, place) in one.places().iter().enumerate() {
+                match self.local.edge(row, *place) {
+                    Some(edge) => self.of_edges[edge] += probability,
+                    None => self.of_without[row] += probability,
+                }
+            }
+        }
+        Basis::Best { count: ranked.count(), rest_from: ranked.rest_from() }
+    }
+
+    fn sum_columns(&mut self) {
+        reset(&mut self.of_unclaimed, self.local.column_count(), 1.0);
+        for row in 0..self.local.row_count() {
+            let first = self.local.first_edge(row);
+            for (offset, (column, _)) in self.local.row(row).enumerate() {
+                self.of_unclaimed[column as usize] -= self.of_edges[first + offset];
+            }
+        }
+        self.of_unclaimed.iter_mut().for_each(|of_column| *of_column = of_column.max(0.0));
+    }
+}
+
+/// Association probabilities of a component.
+#[derive(Clone, Copy, Debug)]
+pub struct Probabilities<'a> {
+    marginals: &'a Marginals,
+    component: Component<'a>,
+    basis: Basis,
+}
+
+impl<'a> Probabilities<'a> {
+    /// What they were summed over.
+    #[must_use]
+    pub fn basis(&self) -> Basis {
+        self.basis
+    }
+
+    /// Columns of row `component.rows[row_index]`, in the order of its edges, and how likely each is
+    /// the row's.
+    pub fn of_row(&self, row_index: usize) -> impl Iterator<Item = (usize, f64)> + use<'a> {
+        let Self { marginals, component, .. } = *self;
+        let first = marginals.local.first_edge(row_index);
+        let columns = marginals.local.row(row_index).map(|(column, _)| column as usize);
+        columns.enumerate().map(move |(offset, column)| {
+            (component.columns[column] as usize, marginals.of_edges[first + offset])
+        })
+    }
+
+    /// How likely row `component.rows[row_index]` has no column.
+    #[must_use]
+    pub fn without(&self, row_index: usize) -> f64 {
+        self.marginals.of_without[row_index]
+    }
+
+    /// How likely column `component.columns[column_index]` has no row.
+    #[must_use]
+    pub fn unclaimed(&self, column_index: usize) -> f64 {
+        self.marginals.of_unclaimed[column_index]
+    }
+}

@@ -1,0 +1,52 @@
+//! How much dearer the second best assignment is: whether a component is ambiguous.
+
+use super::local::{Local, Placement, Reroute};
+use super::{Component, Solved};
+
+/// Finds margins and keeps the memory for it.
+#[derive(Clone, Debug, Default)]
+pub struct Second {
+    local: Local,
+    best: Placement,
+    search: Reroute,
+}
+
+impl Second {
+    /// How much more than the best (nats) the cheapest other assignment of the component costs, if
+    /// that is less than `limit`; `limit` otherwise.
+    ///
+    /// Every other assignment differs first in some row, so it is the least, over rows, of the
+    /// shortest way to move that row elsewhere while the rows before it stay \[murty\]. A search
+    /// ends at the least found so far: a small margin is found fast. `component` must be of the
+    /// same edges.
+    pub fn margin(&mut self, solved: Solved<'_>, component: Component<'_>, limit: f64) -> f64 {
+        self.local.take(solved, component);
+        self.best.take(solved, component, &self.local);
+        let mut margin = limit;
+        for row in 0..self.local.row_count() {
+            self.search.begin(row, row, margin);
+            if let Some(more) = self.search.find(&self.local, &self.best) {
+                margin = more;
+            }
+        }
+        margin
+    }
+
+    /// The same for one row: how much more than the best (nats) the cheapest assignment costs that
+    /// gives row `component.rows[row_index]` another column or none; `limit` if it is not less.
+    pub fn row_margin(
+        &mut self,
+        solved: Solved<'_>,
+        component: Component<'_>,
+        row_index: usize,
+        limit: f64,
+    ) -> f64 {
+        if component.rows.len() <= row_index {
+            return limit;
+        }
+        self.local.take(solved, component);
+        self.best.take(solved, component, &self.local);
+        self.search.begin(row_index, 0, limit);
+        self.search.find(&self.local, &self.best).unwrap_or(limit)
+    }
+}
