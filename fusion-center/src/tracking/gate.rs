@@ -46,9 +46,12 @@ pub const ASKED: usize = usize::MAX;
 /// Most cells per point, so that an empty scene costs no more than a full one.
 const CELLS_PER_POINT: usize = 4;
 
-/// Share of the points that may be beyond each side of the grid's core where a few far ones would
-/// make its cells large.
-const OUTLIER_SHARE: usize = 50;
+/// Most points: their cells have indices of 32 bits.
+const MAX_COUNT: usize = u32::MAX as usize / (2 * CELLS_PER_POINT);
+
+/// One in so many of the points that may be beyond each side of the grid's core where few far
+/// ones would make its cells large.
+const POINTS_PER_OUTLIER: usize = 50;
 
 /// A point in the order of the cells.
 #[derive(Clone, Copy, Debug)]
@@ -157,13 +160,12 @@ impl Grid {
             // Cells of a row follow each other, and so do their points.
             let at = row * (across.last + 1);
             let range = self.starts[at + first] as usize..self.starts[at + last + 1] as usize;
-            for held in &self.held[range] {
+            let measured = self.held[range].iter().map(|held| {
                 let (dx_m, dy_m) = (held.x_m - x_m, held.y_m - y_m);
-                let distance_m2 = dx_m * dx_m + dy_m * dy_m;
-                if distance_m2 <= limit_m2 {
-                    visit(held.index as usize, distance_m2);
-                }
-            }
+                (held.index as usize, dx_m * dx_m + dy_m * dy_m)
+            });
+            let near = measured.filter(|(_, distance_m2)| *distance_m2 <= limit_m2);
+            near.for_each(|(index, distance_m2)| visit(index, distance_m2));
         }
         Ok(())
     }
@@ -189,7 +191,7 @@ impl Grid {
     fn core(&mut self, points_m: &[[f64; 2]], axis: usize) -> [f64; 2] {
         self.sorted_m.clear();
         self.sorted_m.extend(points_m.iter().map(|point_m| point_m[axis]));
-        let beyond = points_m.len() / OUTLIER_SHARE;
+        let beyond = points_m.len() / POINTS_PER_OUTLIER;
         let last = points_m.len() - 1;
         [beyond, last - beyond]
             .map(|rank| *self.sorted_m.select_nth_unstable_by(rank, f64::total_cmp).1)
@@ -243,10 +245,7 @@ fn check(points_m: &[[f64; 2]], cell_m: f64) -> Result<(), GateError> {
     if !(cell_m.is_finite() && 0.0 < cell_m) {
         return Err(GateError::Length { what: "the side of a cell", length_m: cell_m });
     }
-    let limit = u32::MAX as usize / (2 * CELLS_PER_POINT);
-    if limit < points_m.len() {
-        return Err(GateError::TooMany { count: points_m.len(), limit });
-    }
+    few_enough(points_m.len())?;
     let is_finite = |[x_m, y_m]: &[f64; 2]| x_m.is_finite() && y_m.is_finite();
     match points_m.iter().position(|point_m| !is_finite(point_m)) {
         None => Ok(()),
@@ -255,6 +254,13 @@ fn check(points_m: &[[f64; 2]], cell_m: f64) -> Result<(), GateError> {
             Err(GateError::Point { index, x_m, y_m })
         }
     }
+}
+
+fn few_enough(count: usize) -> Result<(), GateError> {
+    if MAX_COUNT < count {
+        return Err(GateError::TooMany { count, limit: MAX_COUNT });
+    }
+    Ok(())
 }
 
 fn ends(values_m: impl Iterator<Item = f64>) -> [f64; 2] {

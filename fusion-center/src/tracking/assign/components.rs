@@ -146,7 +146,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     use super::*;
-    use crate::tracking::assign::tests::{Shape, random_edges};
+    use crate::tracking::assign::tests::{Kind, Shape, random_edges};
 
     fn share(edges: &Edges, one: usize, other: usize) -> bool {
         edges.row(one).any(|(column, _)| edges.cost(other, column).is_some())
@@ -178,7 +178,7 @@ mod tests {
                 column_count: rng.random_range(0..20),
                 share: rng.random_range(0.0..0.15),
             };
-            random_edges(&mut rng, shape, &mut edges);
+            random_edges(&mut rng, shape, Kind::Any, &mut edges);
             components.find(&edges);
             let labels = spread(&edges);
             let mut wanted: Vec<Vec<u32>> = vec![Vec::new(); shape.row_count];

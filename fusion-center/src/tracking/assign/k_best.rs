@@ -3,6 +3,9 @@
 use super::local::{Local, Placement, Reroute};
 use super::{Component, Solved};
 
+#[cfg(test)]
+mod tests;
+
 /// How many assignments are asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BestLimits {

@@ -5,6 +5,9 @@ use super::local::{Local, Placement};
 use super::sweep::{Sweep, SweepMemory};
 use super::{BestLimits, Component, KBest, Solved, reset};
 
+#[cfg(test)]
+mod tests;
+
 /// How much work the probabilities of one component may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarginalLimits {

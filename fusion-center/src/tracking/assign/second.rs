@@ -3,6 +3,9 @@
 use super::local::{Local, Placement, Reroute};
 use super::{Component, Solved};
 
+#[cfg(test)]
+mod tests;
+
 /// Finds margins and keeps the memory for it.
 #[derive(Clone, Debug, Default)]
 pub struct Second {

@@ -13,6 +13,9 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+#[cfg(test)]
+mod tests;
+
 use super::{Edges, NONE, long, reset, short};
 
 /// Bids per row, on average, after which the rest is left to paths. Random scenes of 1,000 to

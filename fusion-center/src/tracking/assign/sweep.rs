@@ -285,13 +285,13 @@ impl<'a> Sweep<'a> {
             for state in &mut before[step.states.start..] {
                 let without = step.without_weight * onward(state.taken);
                 of_without[step.row] += state.to_here * without / total;
-                let mut from_here = without;
-                for choice in free(&memory.choices[step.choices.clone()], state.taken) {
-                    let with = choice.weight * onward(state.taken | choice.bit);
-                    of_edges[choice.edge] += state.to_here * with / total;
-                    from_here += with;
-                }
-                state.from_here = from_here;
+                let choices = free(&memory.choices[step.choices.clone()], state.taken);
+                let with = choices.map(|choice| {
+                    let weight = choice.weight * onward(state.taken | choice.bit);
+                    of_edges[choice.edge] += state.to_here * weight / total;
+                    weight
+                });
+                state.from_here = without + with.sum::<f64>();
             }
         }
     }
