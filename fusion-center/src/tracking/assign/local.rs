@@ -138,6 +138,7 @@ pub(super) struct Reroute {
     row: usize,
     fixed_count: usize,
     limit: f64,
+    is_without_closed: bool,
     /// Places that the row may not go to, besides its own.
     forbidden: Vec<u32>,
     distance: Vec<f64>,
@@ -162,7 +163,15 @@ impl Reroute {
     /// `fixed_count` rows as they are.
     pub(super) fn begin(&mut self, row: usize, fixed_count: usize, limit: f64) {
         (self.row, self.fixed_count, self.limit) = (row, fixed_count, limit);
+        self.is_without_closed = false;
         self.forbidden.clear();
+    }
+
+    /// The same for ways on which no other row goes without or stops to, and no column is given up
+    /// or new.
+    pub(super) fn begin_within(&mut self, row: usize, fixed_count: usize, limit: f64) {
+        self.begin(row, fixed_count, limit);
+        self.is_without_closed = true;
     }
 
     /// The row may not go to these places either.
@@ -172,6 +181,26 @@ impl Reroute {
 
     /// What the cheapest way costs, nats.
     pub(super) fn find(&mut self, local: &Local, placement: &Placement) -> Option<f64> {
+        self.prepare(local);
+        self.look_from_row(local, placement, self.row, 0.0);
+        self.search(local, placement, placement.place_of[self.row])
+    }
+
+    /// What the cheapest way from "without" back to it costs, if less than `limit` nats: at least
+    /// one row goes without or stops to, or a column is given up or new.
+    pub(super) fn find_over_without(
+        &mut self,
+        local: &Local,
+        placement: &Placement,
+        limit: f64,
+    ) -> Option<f64> {
+        self.begin(usize::MAX, 0, limit);
+        self.prepare(local);
+        self.look_from_without(local, placement, 0.0);
+        self.search(local, placement, local.without())
+    }
+
+    fn prepare(&mut self, local: &Local) {
         let place_count = local.column_count() + 1;
         for place in self.touched.drain(..) {
             self.distance[place as usize] = f64::INFINITY;
@@ -181,8 +210,14 @@ impl Reroute {
             self.distance.resize(place_count, f64::INFINITY);
             self.over.resize(place_count, Over::GivenUp);
         }
-        let target = placement.place_of[self.row];
-        self.look_from_row(local, placement, self.row, 0.0);
+        if self.is_without_closed {
+            // Nothing is nearer, so nothing gets there.
+            self.distance[place_count - 1] = f64::NEG_INFINITY;
+            self.touched.push(local.without());
+        }
+    }
+
+    fn search(&mut self, local: &Local, placement: &Placement, target: u32) -> Option<f64> {
         while let Some(Reverse((bits, place))) = self.open.pop() {
             let reached = f64::from_bits(bits);
             if self.distance[place as usize] < reached {

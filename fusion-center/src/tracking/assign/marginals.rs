@@ -2,6 +2,7 @@
 //! association).
 
 use super::local::{Local, Placement};
+use super::propagate::Messages;
 use super::sweep::{Sweep, SweepMemory};
 use super::{BestLimits, Component, KBest, Solved, reset};
 
@@ -13,23 +14,49 @@ mod tests;
 pub struct MarginalLimits {
     /// Most sets of taken columns to be told apart between two rows in the exact sum.
     pub state_count: usize,
-    /// Where that is not enough: the assignments to sum over.
-    pub best: BestLimits,
+    /// What to do where that is not enough.
+    pub beyond: Beyond,
+}
+
+/// How components are treated that are too wide for the exact sum.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Beyond {
+    /// Rows and columns tell each other how much they want each other, up to `pass_count` times or
+    /// until no probability changes by more than `change`.
+    Propagate {
+        /// Most passes.
+        pass_count: usize,
+        /// Change of a probability that is not worth another pass.
+        change: f64,
+    },
+    /// The sum over the cheapest assignments.
+    Best(BestLimits),
 }
 
 impl Default for MarginalLimits {
-    /// 1,024 sets: exact for 10 columns in any arrangement, and for long chains. The 64 cheapest
-    /// assignments within 20 nats (one in 5·10⁸).
+    /// 1,024 sets: exact for 10 columns in any arrangement, and for long chains. Beyond, up to 200
+    /// passes until no probability changes by more than 0.001.
+    ///
+    /// In random scenes of 1 to 3 foreign plots per gate, components of 8 to 149 rows differ from
+    /// the exact sum by 0.02 on average and 0.23 at most after propagation, in 20 to 60 passes
+    /// (change 10⁻⁶), and by 0.13 and 0.84 with the 64 cheapest assignments, in four times the time.
     fn default() -> Self {
-        Self { state_count: 1024, best: BestLimits { count: 64, extra: 20.0 } }
+        Self { state_count: 1024, beyond: Beyond::Propagate { pass_count: 200, change: 1e-3 } }
     }
 }
 
 /// What the probabilities were summed over.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Basis {
-    /// All assignments.
+    /// All assignments: exact.
     All,
+    /// All, but as if no way round led back to where it came from.
+    Propagated {
+        /// Passes made.
+        pass_count: usize,
+        /// Largest change of a probability in the last.
+        change: f64,
+    },
     /// The cheapest only.
     Best {
         /// How many.
@@ -45,6 +72,7 @@ pub struct Marginals {
     local: Local,
     best: Placement,
     sweep: SweepMemory,
+    messages: Messages,
     k_best: KBest,
     of_edges: Vec<f64>,
     of_without: Vec<f64>,
@@ -60,8 +88,8 @@ impl Marginals {
     /// rows to come may want (equal sets are one: as \[ehm\] does). Weights are those of reduced
     /// costs, `exp(-(c_nm - u_n - v_m))`, `exp(u_n)` for a row without and `exp(v_m)` for a column
     /// that nobody takes: the product is 1 for the best assignment and less for all others, so what
-    /// underflows is nothing. Where there are more sets than the limit, the sum is over the
-    /// cheapest assignments.
+    /// underflows is nothing. Where there are more sets than the limit, [`MarginalLimits::beyond`]
+    /// says what is done.
     pub fn find<'a>(
         &'a mut self,
         solved: Solved<'_>,
@@ -74,10 +102,23 @@ impl Marginals {
         reset(&mut self.of_without, self.local.row_count(), 0.0);
         let mut sweep = Sweep::new(&mut self.sweep, &self.local, &self.best);
         let is_summed = sweep.run(limits.state_count, &mut self.of_edges, &mut self.of_without);
-        let basis =
-            if is_summed { Basis::All } else { self.sum_best(solved, component, limits.best) };
+        let basis = match limits.beyond {
+            _ if is_summed => Basis::All,
+            Beyond::Propagate { pass_count, change } => self.propagate(pass_count, change),
+            Beyond::Best(best) => self.sum_best(solved, component, best),
+        };
         self.sum_columns();
         Probabilities { marginals: self, component, basis }
+    }
+
+    fn propagate(&mut self, pass_limit: usize, enough: f64) -> Basis {
+        self.messages.begin(&self.local, &self.best);
+        let (mut pass_count, mut change) = (0, f64::INFINITY);
+        while pass_count < pass_limit && enough < change {
+            change = self.messages.pass(&self.local, &mut self.of_edges, &mut self.of_without);
+            pass_count += 1;
+        }
+        Basis::Propagated { pass_count, change }
     }
 
     fn sum_best(

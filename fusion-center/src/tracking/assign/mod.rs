@@ -14,6 +14,7 @@ mod edges;
 mod k_best;
 mod local;
 mod marginals;
+mod propagate;
 mod second;
 mod solve;
 mod sweep;
@@ -23,7 +24,7 @@ mod tests;
 pub use components::{Component, Components};
 pub use edges::{AssignError, Edge, Edges};
 pub use k_best::{BestLimits, KBest, Ranked, RankedAssignment};
-pub use marginals::{Basis, MarginalLimits, Marginals, Probabilities};
+pub use marginals::{Basis, Beyond, MarginalLimits, Marginals, Probabilities};
 pub use second::Second;
 pub use solve::{Solved, Solver};
 

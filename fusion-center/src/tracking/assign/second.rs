@@ -18,16 +18,21 @@ impl Second {
     /// How much more than the best (nats) the cheapest other assignment of the component costs, if
     /// that is less than `limit`; `limit` otherwise.
     ///
-    /// Every other assignment differs first in some row, so it is the least, over rows, of the
-    /// shortest way to move that row elsewhere while the rows before it stay \[murty\]. A search
+    /// What differs between two assignments is a set of cycles in the residual graph, each of which
+    /// is an assignment by itself. So it is the shortest of the cycles over "without" (one search)
+    /// and of those within given columns (one for each row, as the first that moves). A search
     /// ends at the least found so far: a small margin is found fast. `component` must be of the
     /// same edges.
     pub fn margin(&mut self, solved: Solved<'_>, component: Component<'_>, limit: f64) -> f64 {
         self.local.take(solved, component);
         self.best.take(solved, component, &self.local);
-        let mut margin = limit;
+        let over_without = self.search.find_over_without(&self.local, &self.best, limit);
+        let mut margin = over_without.unwrap_or(limit);
         for row in 0..self.local.row_count() {
-            self.search.begin(row, row, margin);
+            if self.best.place_of[row] == self.local.without() {
+                continue;
+            }
+            self.search.begin_within(row, row, margin);
             if let Some(more) = self.search.find(&self.local, &self.best) {
                 margin = more;
             }

@@ -4,14 +4,21 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
 use super::super::tests::*;
-use super::super::{Edges, Solver};
+use super::super::{Components, Edges, Solver};
 use super::*;
 
 /// Some hundred terms of at most 1, added in another order.
 const SAME_PROBABILITY: f64 = 1e-11;
 
-const ONLY_BEST: MarginalLimits =
-    MarginalLimits { state_count: 0, best: BestLimits { count: 20_000, extra: f64::INFINITY } };
+const ONLY_BEST: MarginalLimits = MarginalLimits {
+    state_count: 0,
+    beyond: Beyond::Best(BestLimits { count: 20_000, extra: f64::INFINITY }),
+};
+
+const ONLY_PASSES: MarginalLimits = MarginalLimits {
+    state_count: 0,
+    beyond: Beyond::Propagate { pass_count: 1000, change: 1e-13 },
+};
 
 /// Probability of a row's column, or of none, by summing over `ways`.
 fn summed(ways: &[Way], row: usize, column: Option<usize>) -> f64 {
@@ -118,17 +125,102 @@ fn long_chains_are_summed_exactly() {
     }
 }
 
+/// A tree has no way round, so what is told is exact.
 #[test]
-fn what_is_too_wide_is_summed_over_the_best() {
+fn propagation_is_exact_in_trees() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let (mut edges, mut solver, mut marginals) = <(Edges, Solver, Marginals)>::default();
+    for _ in 0..500 {
+        // Every row has one column of those before it and new ones of its own.
+        edges.begin(9).unwrap();
+        let mut known = 1;
+        for _ in 0..4 {
+            let mut cost = || rng.random_range(-6.0..2.0);
+            edges.push(known - 1, cost()).unwrap();
+            (known..known + 2).for_each(|column| edges.push(column, cost()).unwrap());
+            edges.end_row().unwrap();
+            known += 2;
+        }
+        let (rows, columns) = whole(&edges);
+        let component = Component { rows: &rows, columns: &columns };
+        let found = marginals.find(solver.solve(&edges), component, ONLY_PASSES);
+        assert!(matches!(found.basis(), Basis::Propagated { change, .. } if change < 1e-12));
+        check(&edges, found);
+    }
+}
+
+#[test]
+fn propagation_stands_weights_that_underflow() {
+    for most in [-3000.0, -40.0, -700.0] {
+        let mut edges = Edges::default();
+        edges.begin(2).unwrap();
+        for costs in [[-900.0, 0.5], [most, -1.0], [most - 5.0, most]] {
+            (0..2).for_each(|column| edges.push(column, costs[column]).unwrap());
+            edges.end_row().unwrap();
+        }
+        let (mut solver, mut marginals) = <(Solver, Marginals)>::default();
+        let (rows, columns) = whole(&edges);
+        let component = Component { rows: &rows, columns: &columns };
+        let found = marginals.find(solver.solve(&edges), component, ONLY_PASSES);
+        let ways = all_ways(&edges);
+        for row in 0..3 {
+            for (column, probability) in found.of_row(row) {
+                let wanted = summed(&ways, row, Some(column));
+                assert!((probability - wanted).abs() < 0.2, "{most} {row} {column} {probability}");
+            }
+        }
+    }
+}
+
+/// Against the exact sum in scenes of many plots; the bounds have a margin of two on what was
+/// measured with other seeds.
+#[test]
+fn what_is_too_wide_is_propagated() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let (mut edges, mut solver, mut marginals) = <(Edges, Solver, Marginals)>::default();
+    let (mut exact, mut components) = <(Marginals, Components)>::default();
+    let wide = MarginalLimits { state_count: 1 << 16, ..MarginalLimits::default() };
+    let (mut sum, mut most, mut count) = (0.0, 0.0_f64, 0.0);
+    for density in [1.0, 2.0, 2.5] {
+        gated_edges(&mut rng, 300, density, &mut edges);
+        let solved = solver.solve(&edges);
+        components.find(&edges);
+        for component in components.iter().filter(|one| 8 <= one.rows.len()) {
+            let wanted = exact.find(solved, component, wide);
+            let found = marginals.find(solved, component, ONLY_PASSES);
+            if wanted.basis() != Basis::All {
+                continue;
+            }
+            for row in 0..component.rows.len() {
+                for (a, b) in found.of_row(row).zip(wanted.of_row(row)) {
+                    let error = (a.1 - b.1).abs();
+                    (sum, most, count) = (sum + error, most.max(error), count + 1.0);
+                }
+            }
+        }
+    }
+    assert!(500.0 < count);
+    assert!(sum / count < 0.04 && most < 0.4, "mean {} most {most} of {count}", sum / count);
+}
+
+#[test]
+fn probabilities_of_a_row_sum_to_one() {
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
     let (mut edges, mut solver, mut marginals) = <(Edges, Solver, Marginals)>::default();
     gated_edges(&mut rng, 100, 12.0, &mut edges);
     let (rows, columns) = whole(&edges);
     let component = Component { rows: &rows, columns: &columns };
-    let found = marginals.find(solver.solve(&edges), component, MarginalLimits::default());
-    assert!(matches!(found.basis(), Basis::Best { count: 64, .. }), "{:?}", found.basis());
-    for row in 0..rows.len() {
-        let sum: f64 = found.of_row(row).map(|(_, probability)| probability).sum();
-        assert!((sum + found.without(row) - 1.0).abs() < SAME_PROBABILITY);
+    let solved = solver.solve(&edges);
+    let best = Beyond::Best(BestLimits { count: 64, extra: 20.0 });
+    let of_best = MarginalLimits { beyond: best, ..MarginalLimits::default() };
+    for limits in [MarginalLimits::default(), of_best] {
+        let found = marginals.find(solved, component, limits);
+        assert!(found.basis() != Basis::All);
+        for row in 0..rows.len() {
+            let sum: f64 = found.of_row(row).map(|(_, probability)| probability).sum();
+            assert!((sum + found.without(row) - 1.0).abs() < SAME_PROBABILITY);
+        }
     }
+    let found = marginals.find(solved, component, of_best);
+    assert!(matches!(found.basis(), Basis::Best { count: 64, rest_from } if rest_from < 20.0));
 }
