@@ -131,8 +131,7 @@ fn bench(group: &mut BenchmarkGroup<'_, ProcessorTime>, name: &str, scene: &Scen
     group.bench_function(format!("{name}/solve"), |b| {
         b.iter(|| solver.solve(black_box(&edges)).cost());
     });
-    let (mut components, mut second, mut marginals) =
-        <(Components, Second, Marginals)>::default();
+    let (mut components, mut second, mut marginals) = <(Components, Second, Marginals)>::default();
     group.bench_function(format!("{name}/split"), |b| {
         b.iter(|| components.find(black_box(&edges)));
     });

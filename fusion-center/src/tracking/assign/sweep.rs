@@ -104,6 +104,23 @@ impl State {
         let (taken, unclaimed_weight) = close(closings, chosen);
         Self { taken, to_here: self.to_here * weight * unclaimed_weight, from_here: 0.0 }
     }
+
+    /// Adds the probability of each of `choices`, with the weight of all ways on from there, to
+    /// that of its edge; gives their weights together.
+    fn share<'a>(
+        &self,
+        choices: impl Iterator<Item = (&'a Choice, f64)>,
+        total: f64,
+        of_edges: &mut [f64],
+    ) -> f64 {
+        let mut sum = 0.0;
+        for (choice, onward) in choices {
+            let weight = choice.weight * onward;
+            of_edges[choice.edge] += self.to_here * weight / total;
+            sum += weight;
+        }
+        sum
+    }
 }
 
 /// The sum at work.
@@ -275,26 +292,24 @@ impl<'a> Sweep<'a> {
         for step in memory.steps.iter().rev() {
             let (before, after) = memory.states[..end].split_at_mut(step.states.end);
             end = step.states.end;
+            let choices = &memory.choices[step.choices.clone()];
             let closings = &memory.closings[step.closings.clone()];
-            // Weight of all ways on from here once the row has chosen.
-            let onward = |chosen: u64| {
-                let (taken, weight) = close(closings, chosen);
-                let next = after.partition_point(|state| state.taken < taken);
-                weight * after[next].from_here
-            };
             for state in &mut before[step.states.start..] {
-                let without = step.without_weight * onward(state.taken);
+                let without = step.without_weight * onward(after, closings, state.taken);
                 of_without[step.row] += state.to_here * without / total;
-                let choices = free(&memory.choices[step.choices.clone()], state.taken);
-                let with = choices.map(|choice| {
-                    let weight = choice.weight * onward(state.taken | choice.bit);
-                    of_edges[choice.edge] += state.to_here * weight / total;
-                    weight
-                });
-                state.from_here = without + with.sum::<f64>();
+                let with = free(choices, state.taken)
+                    .map(|choice| (choice, onward(after, closings, state.taken | choice.bit)));
+                state.from_here = without + state.share(with, total, of_edges);
             }
         }
     }
+}
+
+/// Weight of all ways on from a row after which the columns `chosen` are taken.
+fn onward(after: &[State], closings: &[Closing], chosen: u64) -> f64 {
+    let (taken, weight) = close(closings, chosen);
+    let next = after.partition_point(|state| state.taken < taken);
+    weight * after[next].from_here
 }
 
 /// Choices whose column is not taken.

@@ -1,7 +1,7 @@
 //! Random problems and slow, plain answers to them.
 
-use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
 
 use super::*;
 
@@ -37,6 +37,12 @@ pub(super) enum Kind {
     Twins,
 }
 
+impl Kind {
+    fn shaped(self, cost: f64) -> f64 {
+        if matches!(self, Self::Ties) { (cost / 2.0).round() } else { cost }
+    }
+}
+
 pub(super) const KINDS: [Kind; 3] = [Kind::Any, Kind::Ties, Kind::Twins];
 
 /// Edges between random pairs, of -8 to 2 nats.
@@ -47,8 +53,7 @@ pub(super) fn random_edges(rng: &mut ChaCha8Rng, shape: Shape, kind: Kind, edges
         for column in 0..shape.column_count {
             let repeats = matches!(kind, Kind::Twins) && column % 2 == 1;
             if !repeats {
-                let cost: f64 = rng.random_range(-8.0..2.0);
-                let cost = if matches!(kind, Kind::Ties) { (cost / 2.0).round() } else { cost };
+                let cost = kind.shaped(rng.random_range(-8.0..2.0));
                 drawn = (rng.random::<f64>() < shape.share).then_some(cost);
             }
             drawn.iter().for_each(|cost| edges.push(column, *cost).unwrap());
@@ -129,4 +134,57 @@ pub(super) fn assert_allowed(edges: &Edges, columns: &[Option<usize>]) {
         assert!(edges.cost(row, column).is_some(), "row {row}, column {column} is no edge");
         assert!(!std::mem::replace(&mut taken[column], true), "column {column} twice");
     }
+}
+
+/// Everything that is asked of a scan, in memory that is there.
+#[derive(Default)]
+struct All {
+    solver: Solver,
+    components: Components,
+    second: Second,
+    k_best: KBest,
+    marginals: Marginals,
+}
+
+impl All {
+    fn ask(&mut self, edges: &Edges) -> f64 {
+        let solved = self.solver.solve(edges);
+        self.components.find(edges);
+        let limits = BestLimits { count: 16, extra: 12.0 };
+        let of_best = MarginalLimits { state_count: 8, beyond: Beyond::Best(limits) };
+        let mut sum = solved.cost();
+        for one in self.components.iter() {
+            sum += self.second.margin(solved, one, 6.0);
+            sum += self.second.row_margin(solved, one, 0, 6.0);
+            sum += self.k_best.find(solved, one, limits).rest_from();
+            sum += self.marginals.find(solved, one, MarginalLimits::default()).without(0);
+            sum += self.marginals.find(solved, one, of_best).without(0);
+        }
+        sum
+    }
+}
+
+#[test]
+fn nothing_is_allocated_once_the_memory_is_there() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut scans = vec![Edges::default(); 4];
+    for (edges, density) in scans.iter_mut().zip([0.5, 2.0, 6.0, 1.0]) {
+        gated_edges(&mut rng, 120, density, edges);
+    }
+    let mut all = All::default();
+    scans.iter().for_each(|edges| assert!(all.ask(edges) < f64::INFINITY));
+    let used = allocation_counter::measure(|| {
+        scans.iter().for_each(|edges| assert!(all.ask(edges) < f64::INFINITY));
+    });
+    assert_eq!(used.count_total, 0, "{used:?}");
+}
+
+#[test]
+fn edges_are_filled_in_memory_that_is_there() {
+    let given: Vec<Edge> =
+        (0..500).map(|index| Edge { row: index * 7 % 100, column: index, cost: -1.0 }).collect();
+    let mut edges = Edges::default();
+    edges.fill(100, 500, &given).unwrap();
+    let used = allocation_counter::measure(|| edges.fill(100, 500, &given).unwrap());
+    assert_eq!(used.count_total, 0, "{used:?}");
 }

@@ -107,3 +107,18 @@ fn a_cell_is_as_long_as_the_middle_distance() {
     assert_eq!(cell_size_m(&mut [1e9, 3.0, 2.0, 0.0, 4.0]), Some(3.0));
     assert_eq!(cell_size_m(&mut [0.0, 5.0, 0.0, 0.0, 4.0]), Some(4.0));
 }
+
+#[test]
+fn the_grid_is_filled_in_memory_that_is_there() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut place = || [0, 1].map(|_| rng.random_range(0.0..1000.0));
+    let points_m: Vec<[f64; 2]> = (0..500).map(|_| place()).collect();
+    let mut grid = Grid::default();
+    // A cell so small that the core is looked for too.
+    grid.fill(&points_m, 0.1).unwrap();
+    let used = allocation_counter::measure(|| {
+        grid.fill(&points_m, 0.1).unwrap();
+        grid.for_each_within([500.0, 500.0], 70.0, |_, _| ()).unwrap();
+    });
+    assert_eq!(used.count_total, 0, "{used:?}");
+}

@@ -191,11 +191,10 @@ fn what_is_too_wide_is_propagated() {
             if wanted.basis() != Basis::All {
                 continue;
             }
-            for row in 0..component.rows.len() {
-                for (a, b) in found.of_row(row).zip(wanted.of_row(row)) {
-                    let error = (a.1 - b.1).abs();
-                    (sum, most, count) = (sum + error, most.max(error), count + 1.0);
-                }
+            let rows = 0..component.rows.len();
+            for (a, b) in rows.flat_map(|row| found.of_row(row).zip(wanted.of_row(row))) {
+                let error = (a.1 - b.1).abs();
+                (sum, most, count) = (sum + error, most.max(error), count + 1.0);
             }
         }
     }
