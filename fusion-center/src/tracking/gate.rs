@@ -109,7 +109,7 @@ impl Default for Grid {
 impl Grid {
     /// Forgets the points it held and takes `points_m`, m. Cells have sides of `cell_m`, best about
     /// the distance that most questions are asked with ([`cell_size_m`]), or longer where there would be
-    /// more than [`CELLS_PER_POINT`] cells per point.
+    /// more than four cells per point.
     ///
     /// # Errors
     /// A point or the length is not finite, the length is not above 0, or there are too many

@@ -89,22 +89,21 @@ impl Messages {
         self.of_columns.clear();
         self.of_columns.extend(self.unclaimed_weights.iter().map(|weight| Others::new(*weight)));
         let mut change: f64 = 0.0;
-        for row in 0..local.row_count() {
+        for (row, without) in of_without.iter_mut().enumerate() {
             let mut wanted = Others::new(self.without_weights[row]);
             for (edge, _) in edges_of(local, row) {
                 wanted.add(edge, self.weights[edge] * self.to_rows[edge]);
             }
+            *without = self.without_weights[row] / wanted.all();
             for (edge, column) in edges_of(local, row) {
                 let own = self.weights[edge] * self.to_rows[edge];
                 let probability = own / wanted.all();
                 change = change.max((probability - of_edges[edge]).abs());
                 of_edges[edge] = probability;
                 let others = wanted.without(edge, own).max(f64::MIN_POSITIVE);
-                let message = (self.weights[edge] / others).min(MOST);
-                self.to_columns[edge] = message;
-                self.of_columns[column].add(edge, message);
+                self.to_columns[edge] = (self.weights[edge] / others).min(MOST);
+                self.of_columns[column].add(edge, self.to_columns[edge]);
             }
-            of_without[row] = self.without_weights[row] / wanted.all();
         }
         for row in 0..local.row_count() {
             for (edge, column) in edges_of(local, row) {

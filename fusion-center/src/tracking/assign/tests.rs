@@ -8,6 +8,11 @@ use super::*;
 /// Sums of up to some thousand costs of some tens of nats each, added in another order.
 pub(super) const SAME_SUM: f64 = 1e-9;
 
+/// The same sum, or both infinite.
+pub(super) fn is_same(one: f64, other: f64) -> bool {
+    (one.min(f64::MAX) - other.min(f64::MAX)).abs() < SAME_SUM
+}
+
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shape {
     pub(super) row_count: usize,

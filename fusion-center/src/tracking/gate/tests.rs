@@ -70,7 +70,7 @@ fn the_distance_is_that_of_the_point() {
     let mut named = Vec::new();
     grid.for_each_within([0.0, 0.0], 5.0, |index, at_m2| named.push((index, at_m2))).unwrap();
     assert_eq!(named, [(0, 25.0)]);
-    assert_eq!(within(&grid, [0.0, 0.0], 4.99), []);
+    assert_eq!(within(&grid, [0.0, 0.0], 4.99), Vec::<usize>::new());
 }
 
 #[test]
@@ -79,17 +79,17 @@ fn wrong_points_and_questions_are_refused() {
     grid.fill(&[[0.0, 0.0]], 1.0).unwrap();
     let wrong = grid.fill(&[[0.0, 0.0], [1.0, f64::INFINITY]], 1.0);
     assert_eq!(wrong, Err(GateError::Point { index: 1, x_m: 1.0, y_m: f64::INFINITY }));
-    assert_eq!((grid.count(), within(&grid, [0.0, 0.0], 1e9)), (0, vec![]));
+    assert_eq!((grid.count(), within(&grid, [0.0, 0.0], 1e9)), (0, Vec::<usize>::new()));
     for length_m in [0.0, -1.0, f64::INFINITY] {
         let wanted = GateError::Length { what: "the side of a cell", length_m };
         assert_eq!(grid.fill(&[], length_m), Err(wanted));
     }
     assert!(matches!(grid.fill(&[], f64::NAN), Err(GateError::Length { .. })));
     let asked = |place_m, radius_m| grid.for_each_within(place_m, radius_m, |_, _| ());
-    let wanted = GateError::Point { index: ASKED, x_m: f64::INFINITY, y_m: 0.0 };
-    assert_eq!(asked([f64::INFINITY, 0.0], 1.0), Err(wanted));
-    let wanted = GateError::Length { what: "the radius", length_m: -1.0 };
-    assert_eq!(asked([0.0, 0.0], -1.0), Err(wanted));
+    let nowhere = GateError::Point { index: ASKED, x_m: f64::INFINITY, y_m: 0.0 };
+    assert_eq!(asked([f64::INFINITY, 0.0], 1.0), Err(nowhere));
+    let negative = GateError::Length { what: "the radius", length_m: -1.0 };
+    assert_eq!(asked([0.0, 0.0], -1.0), Err(negative));
     assert!(asked([0.0, 0.0], f64::NAN).is_err());
 }
 

@@ -20,7 +20,7 @@ fn the_margin_is_that_of_the_second_of_all() {
         let ways = all_ways(&edges);
         let wanted = ways.get(1).map_or(f64::INFINITY, |way| way.cost - ways[0].cost);
         let margin = second.margin(solved, component, f64::INFINITY);
-        assert!(wanted == margin || (wanted - margin).abs() < SAME_SUM, "{wanted} {margin}");
+        assert!(is_same(wanted, margin), "{wanted} {margin}");
         let limited = second.margin(solved, component, 1.5);
         assert!((limited - wanted.min(1.5)).abs() < SAME_SUM, "{limited} {wanted}");
     }
@@ -41,7 +41,7 @@ fn the_margin_of_a_row_is_that_of_the_first_other_place() {
             let other = ways.iter().find(|way| way.columns[row] != solved.column_of(row));
             let wanted = other.map_or(f64::INFINITY, |way| way.cost - ways[0].cost);
             let margin = second.row_margin(solved, component, row, f64::INFINITY);
-            assert!(wanted == margin || (wanted - margin).abs() < SAME_SUM, "{wanted} {margin}");
+            assert!(is_same(wanted, margin), "{wanted} {margin}");
         }
         let beyond = second.row_margin(solved, component, rows.len(), 3.0);
         assert!((beyond - 3.0).abs() < SAME_SUM);
@@ -62,7 +62,7 @@ fn the_least_margin_of_the_rows_is_that_of_the_component() {
                 .map(|row| second.row_margin(solved, component, row, f64::INFINITY))
                 .fold(f64::INFINITY, f64::min);
             let margin = second.margin(solved, component, f64::INFINITY);
-            assert!(of_rows == margin || (of_rows - margin).abs() < SAME_SUM);
+            assert!(is_same(of_rows, margin));
         }
     }
 }
