@@ -1,6 +1,9 @@
 //! Distances between a set of true places and a set of estimates: GOSPA with its parts, and OSPA.
 
+use fusion_center::tracking::assign::{AssignError, Edges, Solver};
+use fusion_center::tracking::gate::{GateError, Grid};
 use serde::Serialize;
+use thiserror::Error;
 
 use super::assignment::{Costs, assignment};
 
@@ -39,15 +42,57 @@ pub(super) fn distance_m(one_m: [f64; 2], other_m: [f64; 2]) -> f64 {
 }
 
 /// Which estimate belongs to each true place: the pairs with the least sum of `min(d, c)²`, of which
-/// those with `d < c` are kept. A place that is no number belongs to nothing.
+/// those with `d < c` are kept. A place that is no number belongs to nothing, and nothing belongs
+/// together where `c` is not finite and above 0.
+///
+/// A pair is worth `c² − d²`, so only those with `d < c` are looked at: the time is nearly
+/// proportional to the number of places where few are near each other.
 #[must_use]
 pub fn pairs(truths_m: &[[f64; 2]], estimates_m: &[[f64; 2]], cutoff_m: f64) -> Vec<Option<usize>> {
-    let apart_m =
-        |truth: usize, estimate: usize| distance_m(truths_m[truth], estimates_m[estimate]);
-    let cost = |truth, estimate| within(apart_m(truth, estimate), cutoff_m).powi(2);
-    let nearest = assignment(&Costs::new(truths_m.len(), estimates_m.len(), cost));
-    let kept = nearest.into_iter().enumerate();
-    kept.map(|(truth, estimate)| estimate.filter(|at| apart_m(truth, *at) < cutoff_m)).collect()
+    let is_place = |index: &usize| estimates_m[*index].iter().all(|at_m| at_m.is_finite());
+    let places: Vec<usize> = (0..estimates_m.len()).filter(is_place).collect();
+    let places_m: Vec<[f64; 2]> = places.iter().map(|index| estimates_m[*index]).collect();
+    let Ok(edges) = near_pairs(truths_m, &places_m, cutoff_m) else {
+        return vec![None; truths_m.len()];
+    };
+    let mut solver = Solver::default();
+    let solved = solver.solve(&edges);
+    let place_of = |truth| solved.column_of(truth).map(|place| places[place]);
+    (0..truths_m.len()).map(place_of).collect()
+}
+
+/// Why there are no pairs to choose from.
+#[derive(Debug, Error)]
+enum NoPairs {
+    #[error(transparent)]
+    Gate(#[from] GateError),
+    #[error(transparent)]
+    Assign(#[from] AssignError),
+}
+
+fn near_pairs(
+    truths_m: &[[f64; 2]],
+    places_m: &[[f64; 2]],
+    cutoff_m: f64,
+) -> Result<Edges, NoPairs> {
+    let (mut grid, mut edges) = <(Grid, Edges)>::default();
+    grid.fill(places_m, cutoff_m)?;
+    edges.begin(places_m.len())?;
+    let limit_m2 = cutoff_m.powi(2);
+    for truth_m in truths_m {
+        let mut pushed = Ok(());
+        let push = |place: usize, distance_m2: f64| {
+            if distance_m2 < limit_m2 && pushed.is_ok() {
+                pushed = edges.push(place, distance_m2 - limit_m2);
+            }
+        };
+        if truth_m.iter().all(|at_m| at_m.is_finite()) {
+            grid.for_each_within(*truth_m, cutoff_m, push)?;
+        }
+        pushed?;
+        edges.end_row()?;
+    }
+    Ok(edges)
 }
 
 /// GOSPA with the cut-off `c`, metres: the minimum over the pairs of
