@@ -24,6 +24,9 @@ impl Second {
     /// ends at the least found so far: a small margin is found fast. `component` must be of the
     /// same edges.
     pub fn margin(&mut self, solved: Solved<'_>, component: Component<'_>, limit: f64) -> f64 {
+        if let [row] = component.rows {
+            return alone(solved, *row as usize).min(limit);
+        }
         self.local.take(solved, component);
         self.best.take(solved, component, &self.local);
         let over_without = self.search.find_over_without(&self.local, &self.best, limit);
@@ -57,4 +60,14 @@ impl Second {
         self.search.begin(row_index, 0, limit);
         self.search.find(&self.local, &self.best).unwrap_or(limit)
     }
+}
+
+/// Margin of a row that nobody competes with: between the two least of 0 and its costs.
+fn alone(solved: Solved<'_>, row: usize) -> f64 {
+    let (mut best, mut second) = (0.0, f64::INFINITY);
+    for (_, cost) in solved.edges().row(row) {
+        second = f64::max(best, cost).min(second);
+        best = f64::min(best, cost);
+    }
+    second - best
 }
