@@ -6,6 +6,7 @@
 //! default, the association of \[wide-area\], and its two rivals.
 
 pub mod assign;
+pub mod default;
 pub mod gate;
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
