@@ -1,0 +1,207 @@
+//! How probable it is that a look shows a target: where the sensor looked, and how fast it must move.
+//!
+//! With the place `N(p, P)` along and across the line of sight taken for independent, the share of
+//! it inside a sector is a product of differences of normal distribution functions; the radial
+//! velocity `d · v ~ N(d · v̄, dᵀ P_v d)` is above the least detectable one with the share of it
+//! outside `±v_min`. The normal distribution function is taken for `1/(1 + exp(−1.702 x))`, which is
+//! within 0.01 of it.
+
+use nalgebra::Vector2;
+
+use crate::tracking::{Area, Look, Platform};
+
+use super::gauss::Gauss;
+
+/// Slope at which the logistic function is nearest to the normal distribution.
+const LOGISTIC: f64 = 1.702;
+/// Farther out, the share is 0 or 1.
+const FAR_SIGMAS: f64 = 6.0;
+
+/// Whether a look could show a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Seen {
+    /// Probability that the place is where the sensor looked.
+    pub(super) inside: f64,
+    /// Probability that there is a plot.
+    pub(super) detected: f64,
+}
+
+/// The normal distribution function.
+fn below(sigmas: f64) -> f64 {
+    1.0 / (1.0 + (-LOGISTIC * sigmas).exp())
+}
+
+/// Share of `N(middle, sigma²)` between two bounds.
+fn between(low: f64, high: f64, middle: f64, sigma: f64) -> f64 {
+    let (from, to) = ((low - middle) / sigma, (high - middle) / sigma);
+    if FAR_SIGMAS < from || to < -FAR_SIGMAS {
+        return 0.0;
+    }
+    if from < -FAR_SIGMAS && FAR_SIGMAS < to {
+        return 1.0;
+    }
+    (below(to) - below(from)).max(0.0)
+}
+
+/// Share of a place that is in an area.
+fn share_inside(area: &Area, target: &Gauss) -> f64 {
+    let Area::Sector { origin_m, direction_rad, half_width_rad, min_range_m, max_range_m } = *area
+    else {
+        return 1.0;
+    };
+    let off = Vector2::new(target.mean[0], target.mean[1]) - origin_m;
+    let range = off.norm().max(f64::MIN_POSITIVE);
+    let along = off / range;
+    let sigma = |dx: f64, dy: f64| target.place_variance(dx, dy).max(f64::MIN_POSITIVE).sqrt();
+    let in_range = between(min_range_m, max_range_m, range, sigma(along.x, along.y));
+    if in_range <= 0.0 || std::f64::consts::PI <= half_width_rad {
+        return in_range;
+    }
+    let (sin, cos) = direction_rad.sin_cos();
+    let angle = (cos * off.y - sin * off.x).atan2(cos * off.x + sin * off.y);
+    let half = half_width_rad * range;
+    in_range * between(-half, half, angle * range, sigma(-along.y, along.x))
+}
+
+/// Horizontal part of the unit vector from a platform to a place.
+pub(super) fn line_of_sight(platform: &Platform, place_m: Vector2<f64>) -> Vector2<f64> {
+    let off = place_m - platform.position_m.xy();
+    let slant = off.norm().hypot(platform.position_m.z);
+    if 0.0 < slant { off / slant } else { off }
+}
+
+/// Share of a target's radial velocity that can be detected.
+fn share_fast(look: &Look<'_>, target: &Gauss) -> f64 {
+    let Some((limit, platform)) = look.coverage.minimum_detectable_m_per_s.zip(look.platform)
+    else {
+        return 1.0;
+    };
+    let d = line_of_sight(&platform, Vector2::new(target.mean[0], target.mean[1]));
+    let radial = d.x * target.mean[2] + d.y * target.mean[3];
+    let sigma = target.velocity_variance(d.x, d.y).max(f64::MIN_POSITIVE).sqrt();
+    1.0 - between(-limit, limit, radial, sigma)
+}
+
+/// Whether `look` could show a target that is expected at `target`.
+pub(super) fn seen(look: &Look<'_>, target: &Gauss) -> Seen {
+    let inside = share_inside(&look.coverage.area, target);
+    if inside <= 0.0 {
+        return Seen { inside, detected: 0.0 };
+    }
+    let detected = inside * look.coverage.detection_probability * share_fast(look, target);
+    Seen { inside, detected }
+}
+
+/// Whether a place is inside an area or at most `margin_m` outside; never too strict.
+pub(super) fn may_be_inside(area: &Area, place_m: Vector2<f64>, margin_m: f64) -> bool {
+    let Area::Sector { origin_m, direction_rad, half_width_rad, min_range_m, max_range_m } = *area
+    else {
+        return true;
+    };
+    let off = place_m - origin_m;
+    let range = off.norm();
+    if range + margin_m < min_range_m || max_range_m + margin_m < range {
+        return false;
+    }
+    let (sin, cos) = direction_rad.sin_cos();
+    let along = cos * off.x + sin * off.y;
+    let across = (cos * off.y - sin * off.x).abs();
+    if range <= margin_m || std::f64::consts::FRAC_PI_2 <= half_width_rad {
+        return true;
+    }
+    // Distance from the sector's side, the line through its corner.
+    let (side_sin, side_cos) = half_width_rad.sin_cos();
+    across * side_cos - along * side_sin <= margin_m
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Vector3};
+
+    use super::*;
+    use crate::tracking::{Coverage, Plot};
+
+    /// What the logistic function and independence along and across cost.
+    const TOLERANCE: f64 = 0.03;
+
+    fn target(x: f64, y: f64, sigma: f64) -> Gauss {
+        let plot = Plot {
+            position_m: Vector2::new(x, y),
+            covariance_m2: Matrix2::identity() * sigma * sigma,
+            radial: None,
+            strength_db: None,
+            report_index: 0,
+        };
+        Gauss::at(&plot, 1.0)
+    }
+
+    fn sector() -> Area {
+        Area::Sector {
+            origin_m: Vector2::new(10.0, -5.0),
+            direction_rad: 0.7,
+            half_width_rad: 0.2,
+            min_range_m: 50.0,
+            max_range_m: 100.0,
+        }
+    }
+
+    /// Counts points of a fine grid under the density.
+    fn counted(area: &Area, target: &Gauss, sigma: f64) -> f64 {
+        let (mut inside, mut all) = (0.0, 0.0);
+        for i in -60..=60 {
+            for j in -60..=60 {
+                let (a, b) = (f64::from(i) / 12.0, f64::from(j) / 12.0);
+                let weight = (-0.5 * (a * a + b * b)).exp();
+                let place = Vector2::new(target.mean[0] + sigma * a, target.mean[1] + sigma * b);
+                all += weight;
+                inside += if may_be_inside(area, place, 0.0) { weight } else { 0.0 };
+            }
+        }
+        inside / all
+    }
+
+    #[test]
+    fn the_share_inside_is_that_of_a_count() {
+        let mut partial = 0;
+        for (x, y) in [(70.0, 45.0), (60.0, 60.0), (90.0, 40.0), (45.0, 20.0), (85.0, 70.0)] {
+            for sigma in [2.0, 5.0] {
+                let target = target(x, y, sigma);
+                let counted = counted(&sector(), &target, sigma);
+                let share = share_inside(&sector(), &target);
+                assert!((share - counted).abs() < TOLERANCE, "{x} {y} {sigma}: {share} {counted}");
+                partial += usize::from((0.1..0.9).contains(&counted));
+            }
+        }
+        assert!(partial >= 2, "some are at the border");
+    }
+
+    #[test]
+    fn slow_targets_are_not_detected() {
+        let platform = Platform {
+            position_m: Vector3::new(0.0, -3000.0, 4000.0),
+            velocity_m_per_s: Vector3::zeros(),
+            beam_index: None,
+        };
+        let coverage = Coverage {
+            area: Area::Everywhere,
+            detection_probability: 0.9,
+            minimum_detectable_m_per_s: Some(2.0),
+        };
+        let look = Look {
+            time_s: 0.0,
+            sensor_index: 0,
+            look_index: 0,
+            platform: Some(platform),
+            coverage,
+            clutter_per_m2: 1e-6,
+            plots: &[],
+        };
+        // The line of sight is (0, 0.6) in the plane: 10 m/s along it are 6 m/s of radial velocity.
+        for (v, expected) in [(10.0, 0.9), (2.0, 0.9 * 0.0912), (10.0 / 3.0, 0.9 * 0.5)] {
+            let mut target = target(0.0, 0.0, 1.0);
+            target.mean[3] = v;
+            let detected = seen(&look, &target).detected;
+            assert!((detected - expected).abs() < TOLERANCE, "{v}: {detected}");
+        }
+    }
+}

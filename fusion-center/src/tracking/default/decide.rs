@@ -1,0 +1,291 @@
+//! Which target takes which plot: at once where that is clear, later where it is not.
+//!
+//! Where the best assignment is better than any other by [`DefaultConfig::ambiguous_nats`], it
+//! stands. Targets for which it is not form groups by the plots that they contest; a group's joint
+//! hypotheses are followed until all agree or the lag has passed.
+
+use crate::tracking::Look;
+
+use super::DefaultTracker;
+use super::branch::Branch;
+use super::config::DefaultConfig;
+use super::expand::{Choice, Limits, Way, best_ways};
+use super::hypotheses::Hypotheses;
+use super::row::Row;
+use super::settle::{settle, split};
+use super::target::Target;
+use super::work::{NONE, Work, short};
+
+/// A branch goes without a plot.
+const MISS: u32 = NONE;
+/// A branch was not looked at.
+const STAY: u32 = NONE - 1;
+/// A plot that is taken with so much probability starts no new track.
+const TAKEN_SHARE: f64 = 0.1;
+/// Partial ways looked at for a group: what a cluster of ten with three options each needs at most.
+const MAX_VISITS: usize = 60_000;
+
+/// Applies the choice with `tag` to a branch.
+fn apply(
+    branch: &mut Branch,
+    (row, tag): (&Row, u32),
+    work: &Work,
+    look: &Look<'_>,
+    config: &DefaultConfig,
+) -> super::branch::Moment {
+    match work.edges.get(tag as usize) {
+        Some(edge) => branch.take(row, edge, look, config),
+        None => branch.miss(row, look, config),
+    }
+}
+
+impl DefaultTracker {
+    /// Decides what a look's plots are, and takes them in.
+    pub(super) fn decide(&mut self, look: &Look<'_>) {
+        let margin = self.config.ambiguous_nats;
+        self.work.contest(0..self.work.touched.len(), margin);
+        self.join_clusters();
+        let mut groups = self.take_clear(look, 0..self.work.touched.len());
+        let mut large = Vec::new();
+        for group in groups.drain(..) {
+            if self.config.max_cluster_count < group.len() {
+                large.extend(group);
+            } else {
+                self.take_group(&group, look);
+            }
+        }
+        if !large.is_empty() {
+            self.take_large(large, look);
+        }
+        self.renumber_clusters();
+    }
+
+    /// Members of a cluster are of one group.
+    fn join_clusters(&mut self) {
+        for cluster in &self.clusters {
+            for pair in cluster.members.windows(2) {
+                self.work.join(pair[0], pair[1]);
+            }
+        }
+    }
+
+    /// Takes in what is clear; the rest in groups, each ascending.
+    fn take_clear(&mut self, look: &Look<'_>, places: std::ops::Range<usize>) -> Vec<Vec<u32>> {
+        let mut in_groups: Vec<(u32, u32)> = Vec::new();
+        self.sizes.clear();
+        self.sizes.resize(self.targets.len(), 0);
+        for place in places.clone() {
+            let group = self.work.group_of(self.work.touched[place].target);
+            self.sizes[group as usize] += 1;
+        }
+        for place in places {
+            let touched = self.work.touched[place];
+            let group = self.work.group_of(touched.target);
+            let is_alone = self.sizes[group as usize] == 1;
+            let has_cluster = self.targets[touched.target as usize].cluster.is_some();
+            if is_alone && !touched.unclear && !has_cluster {
+                self.take_own(place, look);
+            } else {
+                in_groups.push((group, touched.target));
+            }
+        }
+        in_groups.sort_unstable();
+        let same = in_groups.chunk_by(|a, b| a.0 == b.0);
+        same.map(|group| group.iter().map(|(_, target)| *target).collect()).collect()
+    }
+
+    /// A target with one branch takes its plot of the best assignment.
+    fn take_own(&mut self, place: usize, look: &Look<'_>) {
+        let touched = self.work.touched[place];
+        let row = &self.work.rows[touched.first_row as usize];
+        let edges = self.work.edges_of(row);
+        let at = edges.iter().position(|edge| edge.plot == touched.own);
+        let tag = at.map_or(MISS, |at| row.first_edge + short(at));
+        let target = &mut self.targets[touched.target as usize];
+        let moment =
+            apply(&mut target.leaves[0], (row, tag), &self.work, look, &self.config);
+        target.trunk.push_back(moment);
+        if touched.own != NONE {
+            self.work.used[touched.own as usize] = true;
+        }
+    }
+
+    /// Follows the hypotheses of a group.
+    fn take_group(&mut self, group: &[u32], look: &Look<'_>) {
+        let limit = self.config.max_hypothesis_count;
+        let mut joint = Hypotheses::default();
+        joint.costs.push(0.0);
+        for target in group {
+            match self.targets[*target as usize].cluster {
+                None => joint = joint.product(&Hypotheses::single(*target), limit),
+                Some(index) => {
+                    let cluster = std::mem::take(&mut self.clusters[index as usize]);
+                    if !cluster.members.is_empty() {
+                        joint = joint.product(&cluster, limit);
+                    }
+                }
+            }
+        }
+        for target in &joint.members {
+            self.targets[*target as usize].cluster = None;
+        }
+        let ways = self.ways_on(&joint);
+        self.take_ways(&joint, &ways, look);
+    }
+
+    /// How the hypotheses of a group may go on.
+    fn ways_on(&self, joint: &Hypotheses) -> Vec<Way> {
+        let options: Vec<Vec<Vec<Choice>>> = joint
+            .members
+            .iter()
+            .map(|target| {
+                let count = self.targets[*target as usize].leaves.len();
+                (0..count).map(|leaf| self.options(*target, leaf)).collect()
+            })
+            .collect();
+        let limits = Limits {
+            count: self.config.max_hypothesis_count,
+            margin: self.config.keep_nats,
+            visits: MAX_VISITS,
+        };
+        best_ways(&joint.costs, joint.members.len(), limits, |hypothesis, member| {
+            &options[member][usize::from(joint.leaves_of(hypothesis)[member])]
+        })
+    }
+
+    /// What a branch may do, ascending in cost.
+    fn options(&self, target: u32, leaf: usize) -> Vec<Choice> {
+        let place = self.work.place_of[target as usize];
+        let Some(touched) = self.work.touched.get(place as usize) else {
+            return vec![Choice { cost: 0.0, plot: None, tag: STAY }];
+        };
+        let row = &self.work.rows_of(touched)[leaf];
+        let mut options = vec![Choice { cost: row.miss_cost, plot: None, tag: MISS }];
+        for (edge, tag) in self.work.edges_of(row).iter().zip(row.first_edge..) {
+            if !self.work.used[edge.plot as usize] {
+                options.push(Choice { cost: edge.cost, plot: Some(edge.plot), tag });
+            }
+        }
+        options.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        options
+    }
+
+    /// Makes the branches of the ways that are kept, and decides what is ripe.
+    fn take_ways(&mut self, joint: &Hypotheses, ways: &[Way], look: &Look<'_>) {
+        let width = joint.members.len();
+        let mut next = Hypotheses {
+            members: joint.members.clone(),
+            costs: ways.iter().map(|way| way.cost).collect(),
+            leaves: vec![0; width * ways.len()],
+        };
+        for member in 0..width {
+            let mut made: Vec<(u16, u32)> = Vec::new();
+            for (index, way) in ways.iter().enumerate() {
+                let key = (joint.leaves_of(way.hypothesis)[member], way.tags[member]);
+                let at = made.iter().position(|other| *other == key).unwrap_or_else(|| {
+                    made.push(key);
+                    made.len() - 1
+                });
+                next.leaves[index * width + member] = u16::try_from(at).unwrap_or(u16::MAX);
+            }
+            self.branch(joint.members[member], &made, look);
+        }
+        self.mark_used(ways, &next.shares());
+        settle(&mut self.targets, &mut next, self.config.lag_scans);
+        for part in split(&self.targets, &next) {
+            self.clusters.push(part);
+        }
+    }
+
+    /// Gives a target the branches that come of `(branch, choice)`.
+    fn branch(&mut self, index: u32, made: &[(u16, u32)], look: &Look<'_>) {
+        let place = self.work.place_of[index as usize];
+        let touched = self.work.touched.get(place as usize).copied();
+        let target = &mut self.targets[index as usize];
+        let leaves = made
+            .iter()
+            .map(|(from, tag)| {
+                let mut leaf = target.leaves[usize::from(*from)].clone();
+                if let Some(touched) = touched.filter(|_| *tag != STAY) {
+                    let row = &self.work.rows[touched.first_row as usize + usize::from(*from)];
+                    let moment = apply(&mut leaf, (row, *tag), &self.work, look, &self.config);
+                    leaf.open.push(moment);
+                }
+                leaf
+            })
+            .collect();
+        target.leaves = leaves;
+    }
+
+    /// Marks the plots that are probably taken.
+    fn mark_used(&mut self, ways: &[Way], shares: &[f64]) {
+        let mut sums: Vec<(u32, f64)> = Vec::new();
+        for (way, share) in ways.iter().zip(shares) {
+            let edges = way.tags.iter().filter_map(|tag| self.work.edges.get(*tag as usize));
+            sums.extend(edges.map(|edge| (edge.plot, *share)));
+        }
+        sums.sort_by_key(|(plot, _)| *plot);
+        for same in sums.chunk_by(|a, b| a.0 == b.0) {
+            let share: f64 = same.iter().map(|(_, share)| share).sum();
+            self.work.used[same[0].0 as usize] |= TAKEN_SHARE <= share;
+        }
+    }
+
+    /// Groups that are too large to wait: their best branches stand, and what is still contested then
+    /// is followed in smaller groups or decided at once.
+    fn take_large(&mut self, mut members: Vec<u32>, look: &Look<'_>) {
+        members.sort_unstable();
+        let from = self.work.touched.len();
+        for index in &members {
+            let target = &mut self.targets[*index as usize];
+            let best = u32::from(target.best);
+            if let Some(cluster) = target.cluster {
+                self.clusters[cluster as usize] = Hypotheses::default();
+            }
+            target.collapse();
+            let place = self.work.place_of[*index as usize];
+            if let Some(mut touched) = self.work.touched.get(place as usize).copied() {
+                touched.first_row += best;
+                touched.end_row = touched.first_row + 1;
+                self.work.place_of[*index as usize] = short(self.work.touched.len());
+                self.work.touched.push(touched);
+            }
+        }
+        let places = from..self.work.touched.len();
+        self.work.contest(places.clone(), self.config.ambiguous_nats);
+        for group in self.take_clear(look, places) {
+            if group.len() <= self.config.max_cluster_count {
+                self.take_group(&group, look);
+                continue;
+            }
+            for target in group {
+                self.take_own(self.work.place_of[target as usize] as usize, look);
+            }
+        }
+    }
+
+    /// Forgets clusters without members and tells targets where theirs is.
+    pub(super) fn renumber_clusters(&mut self) {
+        self.clusters.retain(|cluster| !cluster.members.is_empty());
+        for (index, cluster) in self.clusters.iter().enumerate() {
+            for member in &cluster.members {
+                self.targets[*member as usize].cluster = Some(short(index));
+            }
+        }
+    }
+}
+
+/// Sets what is shown of the targets of a cluster: the branch of the best hypothesis.
+pub(super) fn show_best(targets: &mut [Target], joint: &Hypotheses) {
+    let best = joint.leaves_of(joint.best()).to_vec();
+    for (place, (member, leaf)) in joint.members.iter().zip(best).enumerate() {
+        let target = &mut targets[*member as usize];
+        target.best = leaf;
+        let last = |leaf: u16| target.leaves[usize::from(leaf)].last_report;
+        let shares = joint.shares_by(place, last);
+        for leaf in &mut target.leaves {
+            let own = shares.iter().find(|(report, _)| *report == leaf.last_report);
+            leaf.last_share = own.map_or(0.0, |(_, share)| *share);
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! The best ways in which hypotheses go on with a look: which branch takes which plot.
+//!
+//! Depth-first over the members of a hypothesis, each with its options in ascending order of cost,
+//! cut where the cost so far and the least cost of the rest exceed what is worth keeping (branch and
+//! bound): exact, up to a bound of its work.
+
+/// One branch's option.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Choice {
+    pub(super) cost: f64,
+    /// Which plot it takes.
+    pub(super) plot: Option<u32>,
+    /// What it means to who asked.
+    pub(super) tag: u32,
+}
+
+/// How many ways are kept, and how much may be done to find them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Limits {
+    pub(super) count: usize,
+    /// Worse than the best by more is dropped, nats.
+    pub(super) margin: f64,
+    /// Partial ways looked at, over all hypotheses.
+    pub(super) visits: usize,
+}
+
+/// How a hypothesis goes on.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Way {
+    pub(super) cost: f64,
+    pub(super) hypothesis: usize,
+    /// The tag of each member's choice.
+    pub(super) tags: Vec<u32>,
+}
+
+/// The search, and the best ways so far.
+struct Search<'a> {
+    /// Options of each member, ascending in cost.
+    options: Vec<&'a [Choice]>,
+    /// Least cost of each member and those after it.
+    rest: Vec<f64>,
+    limits: Limits,
+    hypothesis: usize,
+    tags: Vec<u32>,
+    plots: Vec<u32>,
+    best: f64,
+    bound: f64,
+    found: Vec<Way>,
+}
+
+/// The best ways on, ascending in cost. `costs` are those of the hypotheses; `options(hypothesis,
+/// member)` are in ascending order and never none.
+pub(super) fn best_ways<'a>(
+    costs: &[f64],
+    member_count: usize,
+    limits: Limits,
+    options: impl Fn(usize, usize) -> &'a [Choice],
+) -> Vec<Way> {
+    let mut order: Vec<usize> = (0..costs.len()).collect();
+    order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]).then(a.cmp(b)));
+    let mut search = Search {
+        options: Vec::new(),
+        rest: Vec::new(),
+        limits,
+        hypothesis: 0,
+        tags: Vec::new(),
+        plots: Vec::new(),
+        best: f64::INFINITY,
+        bound: f64::INFINITY,
+        found: Vec::new(),
+    };
+    for hypothesis in order {
+        search.hypothesis = hypothesis;
+        search.options = (0..member_count).map(|member| options(hypothesis, member)).collect();
+        search.rest = vec![0.0; member_count + 1];
+        for member in (0..member_count).rev() {
+            search.rest[member] = search.rest[member + 1] + search.options[member][0].cost;
+        }
+        // The first way of each hypothesis is found even if the work is used up.
+        search.limits.visits = search.limits.visits.max(2 * member_count + 1);
+        search.descend(0, costs[hypothesis]);
+    }
+    search.trim();
+    search.found
+}
+
+impl Search<'_> {
+    fn descend(&mut self, member: usize, cost: f64) {
+        if self.bound < cost + self.rest[member] || self.limits.visits == 0 {
+            return;
+        }
+        self.limits.visits -= 1;
+        if member == self.options.len() {
+            self.take(cost);
+            return;
+        }
+        for choice in self.options[member] {
+            if self.bound < cost + choice.cost + self.rest[member + 1] {
+                break;
+            }
+            if choice.plot.is_some_and(|plot| self.plots.contains(&plot)) {
+                continue;
+            }
+            self.tags.push(choice.tag);
+            self.plots.extend(choice.plot);
+            self.descend(member + 1, cost + choice.cost);
+            self.tags.pop();
+            if choice.plot.is_some() {
+                self.plots.pop();
+            }
+        }
+    }
+
+    fn take(&mut self, cost: f64) {
+        self.found.push(Way { cost, hypothesis: self.hypothesis, tags: self.tags.clone() });
+        self.best = self.best.min(cost);
+        self.bound = self.bound.min(self.best + self.limits.margin);
+        if 2 * self.limits.count <= self.found.len() {
+            self.trim();
+        }
+    }
+
+    /// Keeps the best.
+    fn trim(&mut self) {
+        let bound = self.best + self.limits.margin;
+        self.found.retain(|way| way.cost <= bound);
+        self.found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        self.found.truncate(self.limits.count);
+        if let Some(last) = self.found.last().filter(|_| self.found.len() == self.limits.count) {
+            self.bound = self.bound.min(last.cost);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    /// Sums of a handful of doubles in another order.
+    const TOLERANCE: f64 = 1e-12;
+
+    fn random(seed: u64) -> (Vec<f64>, Vec<Vec<Vec<Choice>>>) {
+        let mut rng = rand::rngs::ChaCha8Rng::seed_from_u64(seed);
+        let costs = (0..3).map(|_| rng.random_range(0.0..3.0)).collect();
+        let mut member = || {
+            let mut of: Vec<Choice> = (0..4)
+                .map(|plot| Choice {
+                    cost: rng.random_range(-4.0..4.0),
+                    plot: (plot < 3).then_some(plot),
+                    tag: plot,
+                })
+                .collect();
+            of.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+            of
+        };
+        (costs, (0..3).map(|_| (0..4).map(|_| member()).collect()).collect())
+    }
+
+    /// Every combination, one after the other.
+    fn all(costs: &[f64], options: &[Vec<Vec<Choice>>]) -> Vec<f64> {
+        let mut sums = Vec::new();
+        for (cost, of) in costs.iter().zip(options) {
+            for code in 0..4_usize.pow(4) {
+                let chosen: Vec<&Choice> =
+                    (0..4).map(|member| &of[member][code / 4_usize.pow(member as u32) % 4]).collect();
+                let mut plots: Vec<u32> = chosen.iter().filter_map(|choice| choice.plot).collect();
+                let count = plots.len();
+                plots.sort_unstable();
+                plots.dedup();
+                if plots.len() == count {
+                    sums.push(cost + chosen.iter().map(|choice| choice.cost).sum::<f64>());
+                }
+            }
+        }
+        sums.sort_by(f64::total_cmp);
+        sums
+    }
+
+    #[test]
+    fn the_best_ways_are_those_of_trying_all() {
+        for seed in 0..50 {
+            let (costs, options) = random(seed);
+            let limits = Limits { count: 20, margin: 5.0, visits: 100_000 };
+            let ways = best_ways(&costs, 4, limits, |hypothesis, member| {
+                &options[hypothesis][member]
+            });
+            let mut expected = all(&costs, &options);
+            expected.retain(|cost| *cost <= expected_best(&costs, &options) + 5.0);
+            expected.truncate(20);
+            assert_eq!(ways.len(), expected.len());
+            for (way, cost) in ways.iter().zip(expected) {
+                assert!((way.cost - cost).abs() < TOLERANCE);
+            }
+        }
+    }
+
+    fn expected_best(costs: &[f64], options: &[Vec<Vec<Choice>>]) -> f64 {
+        all(costs, options)[0]
+    }
+
+    #[test]
+    fn some_way_is_found_with_little_work() {
+        let (costs, options) = random(3);
+        let limits = Limits { count: 20, margin: 5.0, visits: 1 };
+        let ways =
+            best_ways(&costs, 4, limits, |hypothesis, member| &options[hypothesis][member]);
+        assert!(!ways.is_empty());
+    }
+}

@@ -1,0 +1,121 @@
+//! Two ways of moving that take turns, and what a plot says about both.
+//!
+//! Each way is that of [`super::gauss`] with its own push and memory; a way lasts for a mean sojourn
+//! `T` and is left within `Δt` with the probability `1 − exp(−Δt/T)`. Both are mixed before each
+//! prediction (interacting multiple model \[imm\]), which keeps mean and covariance of the mixture.
+
+use nalgebra::Matrix4;
+
+use crate::tracking::Plot;
+
+use super::config::Way;
+use super::gauss::{Fit, Gauss, Step};
+
+/// No way of moving is ruled out: it could not come back.
+const MIN_WEIGHT: f64 = 1e-4;
+
+/// The state under each way of moving, and how probable the first is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Imm {
+    pub(super) ways: [Gauss; 2],
+    pub(super) first_share: f64,
+}
+
+/// What a time step does under both ways of moving.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Steps {
+    pub(super) dt_s: f64,
+    ways: [Step; 2],
+    /// Probability that a way lasts over the step.
+    stays: [f64; 2],
+}
+
+impl Steps {
+    /// Over `dt_s`.
+    pub(super) fn new(dt_s: f64, ways: &[Way; 2]) -> Self {
+        Self {
+            dt_s,
+            ways: ways.map(|way| Step::new(dt_s, way.memory_s, way.push_m2_per_s3)),
+            stays: ways.map(|way| (-dt_s / way.sojourn_s).exp()),
+        }
+    }
+}
+
+impl Steps {
+    /// Whether it is over `dt_s`.
+    pub(super) fn is_of(&self, dt_s: f64) -> bool {
+        self.dt_s.to_bits() == dt_s.to_bits()
+    }
+}
+
+impl Imm {
+    /// Both ways alike.
+    pub(super) fn new(start: Gauss, first_share: f64) -> Self {
+        Self { ways: [start; 2], first_share }
+    }
+
+    /// The state whatever the way of moving.
+    pub(super) fn merged(&self) -> Gauss {
+        self.ways[0].mixed(&self.ways[1], self.first_share)
+    }
+
+    /// `(share of the first after the step, share of the first before among those that move in the
+    /// first, in the second, way after it)`.
+    fn shares(&self, steps: &Steps) -> (f64, [f64; 2]) {
+        let (p, q) = (self.first_share, 1.0 - self.first_share);
+        let first = p * steps.stays[0] + q * (1.0 - steps.stays[1]);
+        let second = p * (1.0 - steps.stays[0]) + q * steps.stays[1];
+        let into = [
+            p * steps.stays[0] / first.max(f64::MIN_POSITIVE),
+            p * (1.0 - steps.stays[0]) / second.max(f64::MIN_POSITIVE),
+        ];
+        (first.clamp(MIN_WEIGHT, 1.0 - MIN_WEIGHT), into)
+    }
+
+    /// The state after a step.
+    pub(super) fn stepped(&self, steps: &Steps) -> Self {
+        let (first_share, into) = self.shares(steps);
+        let start = |way: usize| self.ways[0].mixed(&self.ways[1], into[way]);
+        Self {
+            ways: [start(0).stepped(&steps.ways[0]), start(1).stepped(&steps.ways[1])],
+            first_share,
+        }
+    }
+
+    /// The merged state after a step, and the covariance of the merged state before with it.
+    pub(super) fn stepped_with_cross(&self, steps: &Steps) -> (Gauss, Matrix4<f64>) {
+        let (first_share, into) = self.shares(steps);
+        let before = self.merged().state();
+        let mut cross = Matrix4::zeros();
+        let mut after = [self.ways[0]; 2];
+        for (way, share) in [first_share, 1.0 - first_share].into_iter().enumerate() {
+            let start = self.ways[0].mixed(&self.ways[1], into[way]);
+            after[way] = start.stepped(&steps.ways[way]);
+            let off = start.state() - before;
+            cross += (start.cross(&steps.ways[way]) + off * after[way].state().transpose()) * share;
+        }
+        (after[0].mixed(&after[1], first_share), cross)
+    }
+
+    /// How well a plot fits each way.
+    pub(super) fn fits(&self, plot: &Plot) -> [Fit; 2] {
+        [self.ways[0].fit(plot), self.ways[1].fit(plot)]
+    }
+
+    /// Logarithm of the density of a plot that fits the ways so.
+    pub(super) fn log_density(&self, fits: &[Fit; 2]) -> f64 {
+        let [a, b] = [fits[0].log_density, fits[1].log_density];
+        let top = a.max(b);
+        let sum = self.first_share * (a - top).exp() + (1.0 - self.first_share) * (b - top).exp();
+        top + sum.ln()
+    }
+
+    /// Takes in a plot; the way that foresaw it gains.
+    pub(super) fn update(&mut self, plot: &Plot) {
+        let fits = self.fits(plot);
+        let odds = (fits[1].log_density - fits[0].log_density).exp();
+        let (p, q) = (self.first_share, 1.0 - self.first_share);
+        self.first_share = (p / (p + q * odds)).clamp(MIN_WEIGHT, 1.0 - MIN_WEIGHT);
+        self.ways.iter_mut().for_each(|way| way.update(plot));
+    }
+}

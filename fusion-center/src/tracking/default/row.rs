@@ -1,0 +1,150 @@
+//! What a branch expects of a look, and what each plot in its gate costs.
+//!
+//! A plot `z` of a branch costs `−ln(P_D p(z)/λ)`, nats, with the density `p` of its place, radial
+//! velocity and strength, and the density `λ` of false plots; going without one costs
+//! `−ln(1 − P_D)`, and a plot of nobody costs nothing. Where the target may have stopped, with the
+//! probability `s`, `P_D p` is `(1 − s) P_D p_moving + s P_r p_moved-on` and the miss costs
+//! `−ln((1 − s)(1 − P_D) + s)`.
+
+use crate::tracking::{Look, Plot, Status};
+
+use super::branch::{Branch, MAX_DETECTION};
+use super::config::DefaultConfig;
+use super::coverage::{Seen, seen};
+use super::gauss::Gauss;
+use super::imm::{Imm, Steps};
+
+/// A plot is never thought less probable than this share of what the sensor detects at best: borders
+/// of areas and speeds are not known so well.
+const MIN_DETECTION_SHARE: f64 = 0.02;
+
+/// A target that stopped and moved on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct MovedOn {
+    pub(super) expected: Gauss,
+    /// Probability that it stood until then and moved on.
+    share: f64,
+}
+
+/// A branch at the time of a look.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Row {
+    /// Which target; of which of its branches.
+    pub(super) target: u32,
+    pub(super) leaf: u32,
+    pub(super) expected: Imm,
+    pub(super) seen: Seen,
+    pub(super) moved_on: Option<MovedOn>,
+    /// What every plot costs more.
+    pub(super) bias: f64,
+    pub(super) miss_cost: f64,
+    /// `ln` of `P_D/λ`.
+    log_ratio: f64,
+    pub(super) first_edge: u32,
+    pub(super) end_edge: u32,
+}
+
+/// A plot that a branch could take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Edge {
+    pub(super) plot: u32,
+    pub(super) cost: f64,
+    /// It is that of a target that stood.
+    pub(super) moved_on: bool,
+}
+
+/// A disc around all places that pass the gate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reach {
+    pub(super) middle_m: [f64; 2],
+    pub(super) radius_m: f64,
+}
+
+impl Row {
+    /// What `branch` expects after `steps`.
+    pub(super) fn new(
+        branch: &Branch,
+        steps: &Steps,
+        look: &Look<'_>,
+        config: &DefaultConfig,
+    ) -> Self {
+        let expected = branch.imm.stepped(steps);
+        let seen = seen(look, &expected.merged());
+        let best = look.coverage.detection_probability;
+        let detection = seen.detected.max(MIN_DETECTION_SHARE * best).min(MAX_DETECTION);
+        let missed = 1.0 - seen.detected.min(MAX_DETECTION);
+        let (miss_cost, moved_on) = match &branch.stand {
+            None => (-missed.ln(), None),
+            Some(stand) => {
+                let stands = stand.share();
+                let restart = -(-config.restart_per_s * steps.dt_s).exp_m1();
+                let start = MovedOn {
+                    expected: stand.moved_on(steps.dt_s, config),
+                    share: stands / (1.0 - stands).max(f64::MIN_POSITIVE) * restart * best
+                        / detection,
+                };
+                (-((1.0 - stands) * missed + stands).ln(), Some(start))
+            }
+        };
+        let moving = branch.stand.map_or(1.0, |stand| 1.0 - stand.share());
+        let clutter = look.clutter_per_m2.max(config.min_clutter_per_m2);
+        let is_tentative = branch.status == Status::Tentative;
+        Self {
+            target: 0,
+            leaf: 0,
+            expected,
+            seen,
+            moved_on,
+            bias: if is_tentative { config.tentative_bias_nats } else { 0.0 },
+            miss_cost,
+            log_ratio: (moving * detection / clutter).ln(),
+            first_edge: 0,
+            end_edge: 0,
+        }
+    }
+
+    /// Where plots pass the gate whose variance is at most `variance_m2` in any direction.
+    pub(super) fn reach(&self, variance_m2: f64, config: &DefaultConfig) -> Reach {
+        let [first, second] = &self.expected.ways;
+        let middle_m = [0, 1].map(|axis| 0.5 * (first.mean[axis] + second.mean[axis]));
+        let radius = |state: &Gauss| {
+            let off = (state.mean[0] - middle_m[0]).hypot(state.mean[1] - middle_m[1]);
+            off + (config.gate_distance2 * (state.widest_m2() + variance_m2)).sqrt()
+        };
+        let moving = radius(first).max(radius(second));
+        let radius_m = self.moved_on.map_or(moving, |start| moving.max(radius(&start.expected)));
+        Reach { middle_m, radius_m }
+    }
+
+    /// What `plot` costs, if it passes the gate and is worth it.
+    pub(super) fn edge(
+        &self,
+        branch: &Branch,
+        (index, plot): (u32, &Plot),
+        config: &DefaultConfig,
+    ) -> Option<Edge> {
+        let gate = config.gate_distance2;
+        let passes = |fit: &super::gauss::Fit| {
+            fit.place_distance2 <= gate && fit.distance2 - fit.place_distance2 <= gate
+        };
+        let fits = self.expected.fits(plot);
+        let moving = fits.iter().any(passes).then(|| self.expected.log_density(&fits));
+        let started = self.moved_on.and_then(|start| {
+            let fit = start.expected.fit(plot);
+            passes(&fit).then(|| fit.log_density + start.share.ln())
+        });
+        let (log_density, moved_on) = match (moving, started) {
+            (None, None) => return None,
+            (Some(value), None) => (value, false),
+            (None, Some(value)) => (value, true),
+            (Some(a), Some(b)) => (a.max(b) + (-(a - b).abs()).exp().ln_1p(), a < b),
+        };
+        let radial = plot.radial.map_or(0.0, |radial| {
+            let span = config.clutter_radial_span_m_per_s;
+            radial.wrap_m_per_s.map_or(span, |period| period.min(span)).ln()
+        });
+        let strength = branch.strength.log_ratio(plot.strength_db, config);
+        let cost = self.bias - self.log_ratio - log_density - radial - strength;
+        (cost <= self.miss_cost + config.keep_nats).then_some(Edge { plot: index, cost, moved_on })
+    }
+}

@@ -1,0 +1,164 @@
+//! A target: what has been decided about it, and the branches that are still open.
+
+use std::collections::VecDeque;
+
+use crate::tracking::{ReportId, Settled, Status, Track};
+
+use super::branch::{Branch, Moment};
+use super::config::DefaultConfig;
+use super::smooth::smoothed;
+
+/// A target and its branches.
+#[derive(Clone, Debug)]
+pub(super) struct Target {
+    pub(super) id: u64,
+    /// Looks that are decided and have not been taken by the user, oldest first.
+    pub(super) trunk: VecDeque<Moment>,
+    /// Never none.
+    pub(super) leaves: Vec<Branch>,
+    /// Which branch is the best.
+    pub(super) best: u16,
+    /// Which cluster it is in; in none, it has one branch.
+    pub(super) cluster: Option<u32>,
+}
+
+/// Whether a track ever was more than tentative.
+fn was_confirmed(moments: &[Moment]) -> bool {
+    moments.iter().any(|moment| moment.status != Status::Tentative)
+}
+
+impl Target {
+    /// One that begins with a branch.
+    pub(super) fn new(id: u64, branch: Branch) -> Self {
+        let first = branch.moment(Some(branch.last_report), true);
+        let trunk = VecDeque::from([first]);
+        Self { id, trunk, leaves: vec![branch], best: 0, cluster: None }
+    }
+
+    /// The best branch.
+    pub(super) fn leaf(&self) -> &Branch {
+        &self.leaves[usize::from(self.best)]
+    }
+
+    /// Decides for the best branch.
+    pub(super) fn collapse(&mut self) {
+        let mut best = self.leaves.swap_remove(usize::from(self.best));
+        self.trunk.extend(best.open.drain(..));
+        self.leaves.clear();
+        self.leaves.push(best);
+        (self.best, self.cluster) = (0, None);
+    }
+
+    /// Decides for the oldest open moment; all branches have the same.
+    pub(super) fn commit_first(&mut self, share: f64) {
+        let mut firsts = self.leaves.iter_mut().map(|leaf| leaf.open.remove(0));
+        if let Some(first) = firsts.next() {
+            self.trunk.push_back(Moment { share, ..first });
+        }
+        firsts.for_each(drop);
+    }
+
+    /// The report of the oldest open moment of a branch.
+    pub(super) fn first_open(&self, leaf: u16) -> Option<ReportId> {
+        self.leaves[usize::from(leaf)].open.first().and_then(|moment| moment.report)
+    }
+
+    /// How many times later than that of the oldest open moment there are.
+    pub(super) fn open_scans(&self) -> usize {
+        let open = &self.leaves[0].open;
+        open.windows(2).filter(|pair| pair[0].time_s < pair[1].time_s).count()
+    }
+
+    /// What is shown of it.
+    pub(super) fn track(&self) -> Track {
+        let leaf = self.leaf();
+        let state = leaf.shown();
+        Track {
+            id: self.id,
+            status: leaf.status,
+            time_s: leaf.time_s,
+            state: state.state(),
+            covariance: state.covariance(),
+            log_odds: leaf.log_odds,
+            plot_count: leaf.plot_count,
+            seen_s: leaf.seen_s,
+            last_report: leaf.last_report,
+            last_share: leaf.last_share,
+        }
+    }
+
+    /// Moves what is decided, and followed by enough later looks, to the end of `into`; forgets it.
+    pub(super) fn take_settled(&mut self, config: &DefaultConfig, into: &mut Vec<Settled>) {
+        let later = self.leaf().open.len() + self.trunk.len();
+        let ready = later.saturating_sub(config.smoothing_looks).min(self.trunk.len());
+        if ready == 0 || self.leaf().status == Status::Tentative {
+            return;
+        }
+        let moments: Vec<Moment> =
+            self.trunk.iter().chain(&self.leaf().open).copied().collect();
+        settle(self.id, &moments, ready, config, into);
+        self.trunk.drain(..ready);
+    }
+
+    /// All that is remembered of it, decided for the best branch.
+    pub(super) fn into_moments(mut self) -> (u64, Vec<Moment>) {
+        self.collapse();
+        (self.id, self.trunk.into())
+    }
+}
+
+/// The first `count` of `moments`, smoothed by all, to the end of `into`.
+pub(super) fn settle(
+    track: u64,
+    moments: &[Moment],
+    count: usize,
+    config: &DefaultConfig,
+    into: &mut Vec<Settled>,
+) {
+    let smooth = smoothed(moments, config);
+    for (moment, better) in moments.iter().zip(smooth).take(count) {
+        let state = moment.imm.merged();
+        into.push(Settled {
+            track,
+            status: moment.status,
+            time_s: moment.time_s,
+            state: state.state(),
+            covariance: state.covariance(),
+            smoothed_state: better.0,
+            smoothed_covariance: better.1,
+            report: moment.report,
+            share: moment.share,
+        });
+    }
+}
+
+/// Moments of tracks that have ended, until they are taken.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Ended {
+    tracks: VecDeque<(u64, Vec<Moment>)>,
+    count: usize,
+}
+
+impl Ended {
+    /// Remembers a track that was ever confirmed; forgets the oldest beyond `limit` moments.
+    pub(super) fn push(&mut self, target: Target, limit: usize) {
+        let (id, moments) = target.into_moments();
+        if !was_confirmed(&moments) {
+            return;
+        }
+        self.count += moments.len();
+        self.tracks.push_back((id, moments));
+        while limit < self.count {
+            let Some((_, oldest)) = self.tracks.pop_front() else { return };
+            self.count -= oldest.len();
+        }
+    }
+
+    /// Moves all to the end of `into`, smoothed.
+    pub(super) fn take(&mut self, config: &DefaultConfig, into: &mut Vec<Settled>) {
+        for (id, moments) in self.tracks.drain(..) {
+            settle(id, &moments, moments.len(), config, into);
+        }
+        self.count = 0;
+    }
+}
