@@ -225,7 +225,7 @@ impl Branch {
     fn may_stop(&mut self, row: &Row, look: &Look<'_>, config: &DefaultConfig) {
         let unseen = -(1.0 - row.seen.detected.min(MAX_DETECTION)).ln();
         if let Some(stand) = &mut self.stand {
-            stand.log_odds += unseen;
+            stand.log_odds = (stand.log_odds + unseen).min(MAX_STAND_LOG_ODDS);
             return;
         }
         let can = look.coverage.minimum_detectable_m_per_s.is_some() && 0.0 < config.stop_per_s;
@@ -263,6 +263,9 @@ impl Branch {
         }
     }
 }
+
+/// A target is never surer than this to stand.
+const MAX_STAND_LOG_ODDS: f64 = 10.0;
 
 /// No sensor is so good that a miss is impossible.
 pub(super) const MAX_DETECTION: f64 = 0.999;

@@ -4,7 +4,7 @@
 //! stands. Targets for which it is not form groups by the plots that they contest; a group's joint
 //! hypotheses are followed until all agree or the lag has passed.
 
-use crate::tracking::Look;
+use crate::tracking::{Look, Status};
 
 use super::DefaultTracker;
 use super::branch::Branch;
@@ -82,8 +82,10 @@ impl DefaultTracker {
             let touched = self.work.touched[place];
             let group = self.work.group_of(touched.target);
             let is_alone = self.sizes[group as usize] == 1;
-            let has_cluster = self.targets[touched.target as usize].cluster.is_some();
-            if is_alone && !touched.unclear && !has_cluster {
+            let target = &self.targets[touched.target as usize];
+            // One that is not believed yet is not worth a wait.
+            let is_clear = !touched.unclear || target.leaf().status == Status::Tentative;
+            if is_alone && is_clear && target.cluster.is_none() {
                 self.take_own(place, look);
             } else {
                 in_groups.push((group, touched.target));

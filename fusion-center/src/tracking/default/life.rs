@@ -36,16 +36,18 @@ impl DefaultTracker {
             kept += u32::from(!is_over);
         }
         self.leave_clusters(&names);
-        let (targets, shown) = (self.targets.len(), std::mem::take(&mut self.shown));
-        let mut all = std::mem::take(&mut self.targets);
-        self.shown.reserve(targets);
-        for ((target, track), name) in all.drain(..).zip(shown).zip(&names) {
-            if *name == NONE {
-                self.ended.push(target, self.config.max_step_count);
-            } else {
-                self.targets.push(target);
-                self.shown.push(track);
-            }
+        let mut at = 0;
+        self.shown.retain(|_| {
+            at += 1;
+            names[at - 1] != NONE
+        });
+        let (ended, limit) = (&mut self.ended, self.config.max_step_count);
+        let mut index = 0;
+        for target in self.targets.extract_if(.., |_| {
+            index += 1;
+            names[index - 1] == NONE
+        }) {
+            ended.push(target, limit);
         }
         self.renumber_clusters();
     }

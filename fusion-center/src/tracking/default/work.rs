@@ -9,6 +9,7 @@ use crate::tracking::{Area, Look};
 use super::config::DefaultConfig;
 use super::coverage::may_be_inside;
 use super::imm::Steps;
+use super::prices::Prices;
 use super::row::{Edge, Reach, Row};
 use super::target::Target;
 
@@ -18,6 +19,10 @@ pub(super) const NONE: u32 = u32::MAX;
 const MIN_INSIDE: f64 = 0.01;
 /// A target farther outside the area than so many standard deviations is not looked at.
 const FAR_SIGMAS: f64 = 6.0;
+
+/// Whether a target takes a plot that nobody else wants is left open only within so many nats: no
+/// identity depends on it, and the filter forgives one plot.
+const ALONE_NATS: f64 = 2.0;
 
 /// A target that a look concerns, and the rows of its branches.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +54,9 @@ pub(super) struct Work {
     matrix: Edges,
     solver: Solver,
     pairs: Vec<(u32, f64)>,
+    /// The plot of each row in the best assignment.
+    own: Vec<u32>,
+    prices: Prices,
     /// A member of the same group, or itself.
     above: Vec<u32>,
     /// The first target that contests each plot.
@@ -180,7 +188,7 @@ impl Work {
 
     /// Finds the best assignment of the touched targets at `places`, and which of them contest a
     /// plot within `margin` nats; joins those to groups.
-    pub(super) fn contest(&mut self, places: std::ops::Range<usize>, margin: f64) {
+    pub(super) fn contest(&mut self, places: std::ops::Range<usize>, most: f64) {
         if self.matrix.begin(self.used.len()).is_err() {
             return;
         }
@@ -203,11 +211,21 @@ impl Work {
         self.first.clear();
         self.first.resize(self.used.len(), NONE);
         let solved = self.solver.solve(&self.matrix);
+        self.own.clear();
+        self.own.extend((0..places.len()).map(|row| solved.column_of(row).map_or(NONE, short)));
+        self.prices.raise(&self.matrix, &self.own);
         for (row, place) in places.enumerate() {
             let touched = &mut self.touched[place];
-            touched.own = solved.column_of(row).map_or(NONE, short);
-            touched.unclear = touched.own != NONE && -solved.row_price(row) <= margin;
-            for (plot, _) in solved.reduced(row).filter(|(_, more)| *more <= margin) {
+            touched.own = self.own[row];
+            let price = self.prices.of_rows[row];
+            let few = most.min(ALONE_NATS);
+            let is_tentative = 0.0 < self.rows[touched.first_row as usize].bias;
+            let margin = if is_tentative { few } else { most };
+            touched.unclear = touched.own != NONE && -price <= few;
+            for (plot, cost) in self.matrix.row(row) {
+                if margin < cost - price - self.prices.of_columns[plot] {
+                    continue;
+                }
                 touched.unclear |= short(plot) != touched.own;
                 let first = &mut self.first[plot];
                 if *first == NONE {

@@ -3,3 +3,6 @@
 mod scenes;
 mod score;
 mod four;
+mod load;
+mod ten;
+mod turning;

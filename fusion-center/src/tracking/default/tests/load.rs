@@ -1,0 +1,187 @@
+//! Many targets at once: how long a look takes, and how many links are right.
+
+use std::time::Instant;
+
+use rand::RngExt;
+
+use super::super::{DefaultConfig, DefaultTracker};
+use super::scenes::{EVERYWHERE, Scene, Sensor, Taken, normal, rng, shuffled};
+use super::score::score;
+use crate::tracking::{Coverage, Tracker};
+
+const SCANS: usize = 30;
+const PERIOD_S: f64 = 5.0;
+const DETECTION: f64 = 0.9;
+/// Area per target, m²: 1,000 in 800 km².
+const AREA_PER_TARGET_M2: f64 = 8e5;
+/// False plots per target and scan.
+const CLUTTER_SHARE: f64 = 0.2;
+
+fn sensor() -> Sensor {
+    Sensor {
+        position_m: nalgebra::Vector3::new(0.0, -40_000.0, 6000.0),
+        variances_m2: [400.0; 2],
+        sigma_radial_m_per_s: 1.0,
+        sigma_strength_db: 3.0,
+    }
+}
+
+/// Looks at targets that start so and go straight on.
+fn observed(starts: &[[f64; 4]], side_m: f64, seed: u64) -> Scene {
+    let mut rng = rng(seed, 1);
+    let mut scene = Scene { looks: Vec::new(), truth: Vec::new() };
+    let clutter = (CLUTTER_SHARE * starts.len() as f64).round() as usize;
+    for scan in 0..SCANS {
+        let time_s = PERIOD_S * scan as f64;
+        let states: Vec<[f64; 4]> =
+            starts.iter().map(|[x, y, u, v]| [x + u * time_s, y + v * time_s, *u, *v]).collect();
+        let mut plots = Vec::new();
+        for (index, state) in states.iter().enumerate() {
+            if rng.random_range(0.0..1.0) < DETECTION {
+                plots.push((sensor().plot(*state, None, &mut rng), Some(index)));
+            }
+        }
+        for _ in 0..clutter {
+            let [x, y] = [0, 1].map(|_| rng.random_range(0.0..side_m));
+            let [u, v] = [0, 1].map(|_| 12.0 * normal(&mut rng));
+            plots.push((sensor().plot([x, y, u, v], None, &mut rng), None));
+        }
+        let (plots, truths) = shuffled(plots, &mut rng);
+        scene.looks.push(Taken {
+            time_s,
+            sensor_index: 0,
+            platform: Some(sensor().platform()),
+            coverage: Coverage { detection_probability: DETECTION, ..EVERYWHERE },
+            clutter_per_m2: CLUTTER_SHARE / AREA_PER_TARGET_M2,
+            plots,
+            truths,
+        });
+        scene.truth.push(states);
+    }
+    scene
+}
+
+/// Targets anywhere, in any direction.
+pub(super) fn uniform(count: usize, seed: u64) -> Scene {
+    let mut rng = rng(seed, 0);
+    let side_m = (AREA_PER_TARGET_M2 * count as f64).sqrt();
+    let starts: Vec<[f64; 4]> = (0..count)
+        .map(|_| {
+            let [x, y] = [0, 1].map(|_| rng.random_range(0.0..side_m));
+            let angle: f64 = rng.random_range(0.0..std::f64::consts::TAU);
+            let speed = rng.random_range(5.0..20.0);
+            [x, y, speed * angle.cos(), speed * angle.sin()]
+        })
+        .collect();
+    observed(&starts, side_m, seed)
+}
+
+/// Convoys on straight roads of 4 km: two lanes 4 m apart, one for each direction, headways exponential
+/// of mean 150 m over both, speeds that differ, so that they overtake.
+pub(super) fn roads(count: usize, seed: u64) -> Scene {
+    let mut rng = rng(seed, 0);
+    let side_m = (AREA_PER_TARGET_M2 * count as f64).sqrt();
+    let mut starts = Vec::new();
+    while starts.len() < count {
+        let [x0, y0] = [0, 1].map(|_| rng.random_range(0.0..side_m));
+        let angle: f64 = rng.random_range(0.0..std::f64::consts::TAU);
+        let (sin, cos) = angle.sin_cos();
+        let mut along = -2000.0;
+        while along < 2000.0 && starts.len() < count {
+            along -= 150.0 * (1.0 - rng.random_range(0.0..1.0_f64)).ln();
+            let side = if rng.random_range(0.0..1.0) < 0.5 { -1.0 } else { 1.0 };
+            let speed = side * (15.0 + 2.5 * normal(&mut rng)).max(5.0);
+            let place = [x0 + cos * along + sin * 2.0 * side, y0 + sin * along - cos * 2.0 * side];
+            starts.push([place[0], place[1], speed * cos, speed * sin]);
+        }
+    }
+    observed(&starts, side_m, seed)
+}
+
+/// Right links in percent, tracks, and milliseconds per look: mean, and least of the later ones.
+#[expect(clippy::disallowed_methods, reason = "this is where time is measured")]
+fn timed(scene: &Scene, config: &DefaultConfig) -> (f64, usize, f64, f64, f64) {
+    let mut tracker = DefaultTracker::new(config.clone()).unwrap();
+    let mut settled = Vec::new();
+    let (mut looks_ms, mut settling_ms) = (Vec::new(), 0.0);
+    for (index, taken) in scene.looks.iter().enumerate() {
+        let start = Instant::now();
+        tracker.look(&taken.look(index)).unwrap();
+        looks_ms.push(1e3 * start.elapsed().as_secs_f64());
+        let start_settling = Instant::now();
+        tracker.take_settled(&mut settled);
+        settling_ms += 1e3 * start_settling.elapsed().as_secs_f64();
+    }
+    tracker.finish();
+    tracker.take_settled(&mut settled);
+    let sum = score(scene, &settled);
+    looks_ms.drain(..5);
+    looks_ms.sort_by(f64::total_cmp);
+    let (median, least) = (looks_ms[looks_ms.len() / 2], looks_ms[0]);
+    (100.0 * sum.link_rate(), sum.tracks, median, least, settling_ms / SCANS as f64)
+}
+
+#[test]
+#[ignore = "seconds: the same scene over and over, for a profiler"]
+#[expect(clippy::disallowed_methods, reason = "this is where time is measured")]
+fn study_one_load() {
+    let scene = uniform(1000, 7);
+    let mut least_us = f64::INFINITY;
+    for _ in 0..20 {
+        let mut tracker = DefaultTracker::new(DefaultConfig::wide_area()).unwrap();
+        for (index, taken) in scene.looks.iter().enumerate() {
+            let start = Instant::now();
+            tracker.look(&taken.look(index)).unwrap();
+            if 10 < index {
+                least_us = least_us.min(1e6 * start.elapsed().as_secs_f64());
+            }
+        }
+    }
+    println!("{least_us:.0} us");
+}
+
+#[test]
+#[ignore = "minutes: settings on roads"]
+fn study_roads() {
+    let base = DefaultConfig::wide_area();
+    let scene = roads(1000, 11);
+    let still = |q: f64, config: &DefaultConfig| {
+        let mut other = config.clone();
+        other.steady.push_m2_per_s3 = q;
+        other
+    };
+    let gnn = DefaultConfig { lag_scans: 0, max_hypothesis_count: 1, ..base.clone() };
+    let lag3 = DefaultConfig { lag_scans: 3, ..base.clone() };
+    let k20 = DefaultConfig { max_hypothesis_count: 20, ..base.clone() };
+    let c6 = DefaultConfig { max_cluster_count: 6, ..base.clone() };
+    let amb3 = DefaultConfig { ambiguous_nats: 3.0, keep_nats: 6.0, ..base.clone() };
+    for (name, config) in [
+        ("base", base.clone()),
+        ("gnn", gnn.clone()),
+        ("lag3", lag3),
+        ("k20", k20),
+        ("c6", c6),
+        ("amb3", amb3),
+        ("q.002", still(0.002, &base)),
+        ("gnn q.002", still(0.002, &gnn)),
+    ] {
+        println!("{name}: {:.2?}", timed(&scene, &config));
+    }
+}
+
+#[test]
+#[ignore = "minutes: up to 20,000 targets"]
+fn study_load() {
+    let config = DefaultConfig::wide_area();
+    for (name, scene) in [
+        ("uniform 1000", uniform(1000, 7)),
+        ("uniform 5000", uniform(5000, 7)),
+        ("roads 1000", roads(1000, 7)),
+        ("uniform 20000", uniform(20_000, 7)),
+    ] {
+        let (links, tracks, median, least, settling) = timed(&scene, &config);
+        println!(
+            "{name}: links {links:.2} tracks {tracks} look ms median {median:.3} least {least:.3} settling ms {settling:.3}"
+        );
+    }
+}
