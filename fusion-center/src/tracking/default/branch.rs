@@ -181,9 +181,13 @@ impl Branch {
         let plot = &look.plots[edge.plot as usize];
         let moved_on = row.moved_on.filter(|_| edge.moved_on);
         let fresh = moved_on.is_some() || self.status == Status::Stopped;
-        self.imm =
-            moved_on.map_or(row.expected, |start| Imm::new(start.expected, config.steady_share()));
-        self.imm.update(plot);
+        let share = config.steady_share();
+        let share_with_plot;
+        (self.imm, share_with_plot) = match moved_on {
+            Some(start) => (Imm::new(start.expected, share), share),
+            None => (row.expected, edge.first_share),
+        };
+        self.imm.update(plot, share_with_plot);
         self.time_s = look.time_s;
         self.seen_s = look.time_s;
         self.strength.take(plot.strength_db, config);

@@ -9,6 +9,9 @@ use thiserror::Error;
 pub struct Way {
     /// How strongly the velocity is pushed on each axis, m²/s³.
     pub push_m2_per_s3: f64,
+    /// How long a push lasts, seconds: over a step `Δt` the intensity counts `1 − exp(−Δt/push_s)`
+    /// of itself, for turns take seconds; 0 if pushes are white.
+    pub push_s: f64,
     /// How long the velocity lasts, seconds; `inf` if it does not fade.
     pub memory_s: f64,
     /// How long a target moves that way, seconds.
@@ -96,6 +99,14 @@ pub struct ConfigError {
     pub expected: &'static str,
 }
 
+impl Way {
+    /// The intensity of pushes over a step, m²/s³.
+    pub(super) fn push_over(&self, dt_s: f64) -> f64 {
+        let lasts = self.push_s.max(f64::MIN_POSITIVE);
+        -self.push_m2_per_s3 * (-dt_s / lasts).exp_m1()
+    }
+}
+
 impl Default for DefaultConfig {
     fn default() -> Self {
         Self::wide_area()
@@ -107,8 +118,8 @@ impl DefaultConfig {
     #[must_use]
     pub fn wide_area() -> Self {
         Self {
-            steady: Way { push_m2_per_s3: 0.02, memory_s: f64::INFINITY, sojourn_s: 40.0 },
-            lively: Way { push_m2_per_s3: 1.0, memory_s: f64::INFINITY, sojourn_s: 15.0 },
+            steady: Way { push_m2_per_s3: 0.003, push_s: 0.0, memory_s: f64::INFINITY, sojourn_s: 150.0 },
+            lively: Way { push_m2_per_s3: 65.0, push_s: 150.0, memory_s: f64::INFINITY, sojourn_s: 12.0 },
             new_speed_m_per_s: 12.0,
             gate_distance2: 20.0,
             min_clutter_per_m2: 1e-9,
@@ -144,8 +155,8 @@ impl DefaultConfig {
     #[must_use]
     pub fn people() -> Self {
         Self {
-            steady: Way { push_m2_per_s3: 0.02, memory_s: 10.0, sojourn_s: 3.0 },
-            lively: Way { push_m2_per_s3: 1.5, memory_s: 1.5, sojourn_s: 1.0 },
+            steady: Way { push_m2_per_s3: 0.02, push_s: 0.0, memory_s: 10.0, sojourn_s: 3.0 },
+            lively: Way { push_m2_per_s3: 1.5, push_s: 0.0, memory_s: 1.5, sojourn_s: 1.0 },
             new_speed_m_per_s: 0.8,
             min_clutter_per_m2: 1e-4,
             strength_prior_count: 30.0,
@@ -189,6 +200,7 @@ impl DefaultConfig {
         for way in [&self.steady, &self.lively] {
             positive("push_m2_per_s3", way.push_m2_per_s3)?;
             positive("sojourn_s", way.sojourn_s)?;
+            not_negative("push_s", way.push_s)?;
             if way.memory_s.is_nan() || way.memory_s <= 0.0 {
                 let expected = "a number above 0, or inf";
                 return Err(ConfigError { key: "memory_s", value: way.memory_s, expected });

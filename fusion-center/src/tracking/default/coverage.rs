@@ -83,12 +83,17 @@ fn share_fast(look: &Look<'_>, target: &Gauss) -> f64 {
 }
 
 /// Whether `look` could show a target that is expected at `target`.
-pub(super) fn seen(look: &Look<'_>, target: &Gauss) -> Seen {
-    let inside = share_inside(&look.coverage.area, target);
+pub(super) fn seen(look: &Look<'_>, target: impl Fn() -> Gauss) -> Seen {
+    let coverage = &look.coverage;
+    if coverage.area == Area::Everywhere && coverage.minimum_detectable_m_per_s.is_none() {
+        return Seen { inside: 1.0, detected: coverage.detection_probability };
+    }
+    let target = &target();
+    let inside = share_inside(&coverage.area, target);
     if inside <= 0.0 {
         return Seen { inside, detected: 0.0 };
     }
-    let detected = inside * look.coverage.detection_probability * share_fast(look, target);
+    let detected = inside * coverage.detection_probability * share_fast(look, target);
     Seen { inside, detected }
 }
 
@@ -200,7 +205,7 @@ mod tests {
         for (v, expected) in [(10.0, 0.9), (2.0, 0.9 * 0.0912), (10.0 / 3.0, 0.9 * 0.5)] {
             let mut target = target(0.0, 0.0, 1.0);
             target.mean[3] = v;
-            let detected = seen(&look, &target).detected;
+            let detected = seen(&look, || target).detected;
             assert!((detected - expected).abs() < TOLERANCE, "{v}: {detected}");
         }
     }

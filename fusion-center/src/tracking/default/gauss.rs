@@ -12,6 +12,8 @@ use nalgebra::{Matrix4, Vector4};
 
 use crate::tracking::{Plot, Radial};
 
+/// `(2π)²`, of the volume of an ellipse of probability: densities are `exp(−d²/2) / √((2π)^k det S)`.
+const TAU2: f64 = std::f64::consts::TAU * std::f64::consts::TAU;
 /// Below this `Δt/τ` the formulas of `Q` lose their digits, and their limits for long `τ` serve.
 const SHORT: f64 = 1e-3;
 /// A radial velocity that is known up to multiples of `W` says something if the standard deviation of
@@ -139,25 +141,24 @@ impl Gauss {
         let (dx, dy) = (plot.position_m.x - self.mean[0], plot.position_m.y - self.mean[1]);
         let [wx, wy] = [inverse[0] * dx + inverse[1] * dy, inverse[1] * dx + inverse[2] * dy];
         let place_distance2 = dx * wx + dy * wy;
-        let log_density = -0.5 * (place_distance2 + det.ln()) - std::f64::consts::TAU.ln();
-        let place = Fit { distance2: place_distance2, place_distance2, log_density };
-        let Some(radial) = plot.radial else { return place };
+        let place = |more_distance2: f64, volume: f64| Fit {
+            distance2: place_distance2 + more_distance2,
+            place_distance2,
+            log_density: -0.5 * (place_distance2 + more_distance2 + volume.ln()),
+        };
+        let place_volume = TAU2 * det;
+        let Some(radial) = plot.radial else { return place(0.0, place_volume) };
         let (a, c) = (radial.direction, &self.cov);
         let [tx, ty] = [a.x * c[XU] + a.y * c[XV], a.x * c[YU] + a.y * c[YV]];
         let known = tx * (inverse[0] * tx + 2.0 * inverse[1] * ty) + ty * inverse[2] * ty;
         let variance = self.radial_variance(&radial) - known;
         let expected = a.x * self.mean[2] + a.y * self.mean[3] + tx * wx + ty * wy;
         if let Some(period) = unclear(variance, &radial) {
-            return Fit { log_density: log_density - period.ln(), ..place };
+            return place(0.0, place_volume * period * period);
         }
         let off = wrapped(radial.velocity_m_per_s - expected, radial.wrap_m_per_s);
         let distance2 = off * off / variance;
-        let more = -0.5 * (distance2 + (std::f64::consts::TAU * variance).ln());
-        Fit {
-            distance2: place_distance2 + distance2,
-            place_distance2,
-            log_density: log_density + more,
-        }
+        place(distance2, place_volume * std::f64::consts::TAU * variance)
     }
 
     fn radial_variance(&self, radial: &Radial) -> f64 {
@@ -248,7 +249,7 @@ impl Gauss {
     /// Variance of the place in the direction in which it is largest, m².
     pub(super) fn widest_m2(&self) -> f64 {
         let [half, off] = [0.5 * (self.cov[XX] - self.cov[YY]), self.cov[XY]];
-        0.5 * (self.cov[XX] + self.cov[YY]) + half.hypot(off)
+        0.5 * (self.cov[XX] + self.cov[YY]) + (half * half + off * off).sqrt()
     }
 
     /// Variance of the place in the direction `(dx, dy)`, m².

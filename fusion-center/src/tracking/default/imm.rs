@@ -35,7 +35,7 @@ impl Steps {
     pub(super) fn new(dt_s: f64, ways: &[Way; 2]) -> Self {
         Self {
             dt_s,
-            ways: ways.map(|way| Step::new(dt_s, way.memory_s, way.push_m2_per_s3)),
+            ways: ways.map(|way| Step::new(dt_s, way.memory_s, way.push_over(dt_s))),
             stays: ways.map(|way| (-dt_s / way.sojourn_s).exp()),
         }
     }
@@ -102,20 +102,19 @@ impl Imm {
         [self.ways[0].fit(plot), self.ways[1].fit(plot)]
     }
 
-    /// Logarithm of the density of a plot that fits the ways so.
-    pub(super) fn log_density(&self, fits: &[Fit; 2]) -> f64 {
+    /// Logarithm of the density of a plot that fits the ways so, and the first's share with it.
+    pub(super) fn weighed(&self, fits: &[Fit; 2]) -> (f64, f64) {
         let [a, b] = [fits[0].log_density, fits[1].log_density];
-        let top = a.max(b);
-        let sum = self.first_share * (a - top).exp() + (1.0 - self.first_share) * (b - top).exp();
-        top + sum.ln()
+        let (p, q) = (self.first_share, 1.0 - self.first_share);
+        let odds = (-(a - b).abs()).exp();
+        let [first, second] = if b <= a { [p, q * odds] } else { [p * odds, q] };
+        let sum = first + second;
+        (a.max(b) + sum.ln(), (first / sum).clamp(MIN_WEIGHT, 1.0 - MIN_WEIGHT))
     }
 
-    /// Takes in a plot; the way that foresaw it gains.
-    pub(super) fn update(&mut self, plot: &Plot) {
-        let fits = self.fits(plot);
-        let odds = (fits[1].log_density - fits[0].log_density).exp();
-        let (p, q) = (self.first_share, 1.0 - self.first_share);
-        self.first_share = (p / (p + q * odds)).clamp(MIN_WEIGHT, 1.0 - MIN_WEIGHT);
+    /// Takes in a plot that gives the first way `first_share`: see [`Imm::weighed`].
+    pub(super) fn update(&mut self, plot: &Plot, first_share: f64) {
+        self.first_share = first_share;
         self.ways.iter_mut().for_each(|way| way.update(plot));
     }
 }

@@ -51,6 +51,8 @@ pub(super) struct Edge {
     pub(super) cost: f64,
     /// It is that of a target that stood.
     pub(super) moved_on: bool,
+    /// Share of the first way of moving with it.
+    pub(super) first_share: f64,
 }
 
 /// A disc around all places that pass the gate.
@@ -69,7 +71,7 @@ impl Row {
         config: &DefaultConfig,
     ) -> Self {
         let expected = branch.imm.stepped(steps);
-        let seen = seen(look, &expected.merged());
+        let seen = seen(look, || expected.merged());
         let best = look.coverage.detection_probability;
         let detection = seen.detected.max(MIN_DETECTION_SHARE * best).min(MAX_DETECTION);
         let missed = 1.0 - seen.detected.min(MAX_DETECTION);
@@ -108,7 +110,8 @@ impl Row {
         let [first, second] = &self.expected.ways;
         let middle_m = [0, 1].map(|axis| 0.5 * (first.mean[axis] + second.mean[axis]));
         let radius = |state: &Gauss| {
-            let off = (state.mean[0] - middle_m[0]).hypot(state.mean[1] - middle_m[1]);
+            let [dx, dy] = [state.mean[0] - middle_m[0], state.mean[1] - middle_m[1]];
+            let off = (dx * dx + dy * dy).sqrt();
             off + (config.gate_distance2 * (state.widest_m2() + variance_m2)).sqrt()
         };
         let moving = radius(first).max(radius(second));
@@ -128,7 +131,8 @@ impl Row {
             fit.place_distance2 <= gate && fit.distance2 - fit.place_distance2 <= gate
         };
         let fits = self.expected.fits(plot);
-        let moving = fits.iter().any(passes).then(|| self.expected.log_density(&fits));
+        let (moving_density, first_share) = self.expected.weighed(&fits);
+        let moving = fits.iter().any(passes).then_some(moving_density);
         let started = self.moved_on.and_then(|start| {
             let fit = start.expected.fit(plot);
             passes(&fit).then(|| fit.log_density + start.share.ln())
@@ -139,12 +143,13 @@ impl Row {
             (None, Some(value)) => (value, true),
             (Some(a), Some(b)) => (a.max(b) + (-(a - b).abs()).exp().ln_1p(), a < b),
         };
-        let radial = plot.radial.map_or(0.0, |radial| {
-            let span = config.clutter_radial_span_m_per_s;
-            radial.wrap_m_per_s.map_or(span, |period| period.min(span)).ln()
+        let span = plot.radial.map_or(0.0, |radial| {
+            let most = config.clutter_radial_span_m_per_s;
+            radial.wrap_m_per_s.map_or(most, |period| period.min(most)).ln()
         });
         let strength = branch.strength.log_ratio(plot.strength_db, config);
-        let cost = self.bias - self.log_ratio - log_density - radial - strength;
-        (cost <= self.miss_cost + config.keep_nats).then_some(Edge { plot: index, cost, moved_on })
+        let cost = self.bias - self.log_ratio - log_density - span - strength;
+        let edge = Edge { plot: index, cost, moved_on, first_share };
+        (cost <= self.miss_cost + config.keep_nats).then_some(edge)
     }
 }

@@ -101,9 +101,9 @@ fn states_of_turning_targets_are_better_than_plots_and_as_good_as_said() {
 #[test]
 #[ignore = "seconds: settings on turning targets"]
 fn study_turning() {
-    for lively in [0.3, 0.5, 1.0] {
-        for (steady_s, lively_s) in [(40.0, 15.0), (100.0, 15.0), (200.0, 20.0), (60.0, 8.0)] {
-            for steady in [0.005, 0.02] {
+    for lively in [35.0, 50.0] {
+        for (steady_s, lively_s) in [(100.0, 12.0), (100.0, 8.0), (150.0, 12.0), (200.0, 8.0)] {
+            for steady in [0.003, 0.01] {
                 let mut config = DefaultConfig::wide_area();
                 config.lively.push_m2_per_s3 = lively;
                 config.steady.push_m2_per_s3 = steady;
