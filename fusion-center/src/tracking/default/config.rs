@@ -118,8 +118,18 @@ impl DefaultConfig {
     #[must_use]
     pub fn wide_area() -> Self {
         Self {
-            steady: Way { push_m2_per_s3: 0.003, push_s: 0.0, memory_s: f64::INFINITY, sojourn_s: 150.0 },
-            lively: Way { push_m2_per_s3: 65.0, push_s: 150.0, memory_s: f64::INFINITY, sojourn_s: 12.0 },
+            steady: Way {
+                push_m2_per_s3: 0.003,
+                push_s: 0.0,
+                memory_s: f64::INFINITY,
+                sojourn_s: 150.0,
+            },
+            lively: Way {
+                push_m2_per_s3: 65.0,
+                push_s: 150.0,
+                memory_s: f64::INFINITY,
+                sojourn_s: 12.0,
+            },
             new_speed_m_per_s: 12.0,
             gate_distance2: 20.0,
             min_clutter_per_m2: 1e-9,

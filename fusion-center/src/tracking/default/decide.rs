@@ -104,8 +104,7 @@ impl DefaultTracker {
         let at = edges.iter().position(|edge| edge.plot == touched.own);
         let tag = at.map_or(MISS, |at| row.first_edge + short(at));
         let target = &mut self.targets[touched.target as usize];
-        let moment =
-            apply(&mut target.leaves[0], (row, tag), &self.work, look, &self.config);
+        let moment = apply(&mut target.leaves[0], (row, tag), &self.work, look, &self.config);
         target.trunk.push_back(moment);
         if touched.own != NONE {
             self.work.used[touched.own as usize] = true;
@@ -131,12 +130,30 @@ impl DefaultTracker {
         for target in &joint.members {
             self.targets[*target as usize].cluster = None;
         }
-        let ways = self.ways_on(&joint);
-        self.take_ways(&joint, &ways, look);
+        let is_new = group.iter().all(|target| self.targets[*target as usize].leaves.len() == 1);
+        let margin = if is_new { self.config.ambiguous_nats } else { self.config.keep_nats };
+        let ways = self.ways_on(&joint, margin);
+        match ways.as_slice() {
+            [only] if is_new => self.take_only(&joint, only, look),
+            _ => self.take_ways(&joint, &ways, look),
+        }
+    }
+
+    /// A group of targets with one branch each takes the only way on.
+    fn take_only(&mut self, joint: &Hypotheses, way: &Way, look: &Look<'_>) {
+        for (member, tag) in joint.members.iter().zip(&way.tags) {
+            let place = self.work.place_of[*member as usize];
+            let Some(touched) = self.work.touched.get(place as usize) else { continue };
+            let row = &self.work.rows[touched.first_row as usize];
+            let target = &mut self.targets[*member as usize];
+            let moment = apply(&mut target.leaves[0], (row, *tag), &self.work, look, &self.config);
+            target.trunk.push_back(moment);
+        }
+        self.mark_used(std::slice::from_ref(way), &[1.0]);
     }
 
     /// How the hypotheses of a group may go on.
-    fn ways_on(&self, joint: &Hypotheses) -> Vec<Way> {
+    fn ways_on(&self, joint: &Hypotheses, margin: f64) -> Vec<Way> {
         let options: Vec<Vec<Vec<Choice>>> = joint
             .members
             .iter()
@@ -145,11 +162,7 @@ impl DefaultTracker {
                 (0..count).map(|leaf| self.options(*target, leaf)).collect()
             })
             .collect();
-        let limits = Limits {
-            count: self.config.max_hypothesis_count,
-            margin: self.config.keep_nats,
-            visits: MAX_VISITS,
-        };
+        let limits = Limits { count: self.config.max_hypothesis_count, margin, visits: MAX_VISITS };
         best_ways(&joint.costs, joint.members.len(), limits, |hypothesis, member| {
             &options[member][usize::from(joint.leaves_of(hypothesis)[member])]
         })

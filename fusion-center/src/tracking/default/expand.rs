@@ -163,8 +163,9 @@ mod tests {
         let mut sums = Vec::new();
         for (cost, of) in costs.iter().zip(options) {
             for code in 0..4_usize.pow(4) {
-                let chosen: Vec<&Choice> =
-                    (0..4).map(|member| &of[member][code / 4_usize.pow(member as u32) % 4]).collect();
+                let chosen: Vec<&Choice> = (0..4)
+                    .map(|member| &of[member][code / 4_usize.pow(member as u32) % 4])
+                    .collect();
                 let mut plots: Vec<u32> = chosen.iter().filter_map(|choice| choice.plot).collect();
                 let count = plots.len();
                 plots.sort_unstable();
@@ -183,9 +184,8 @@ mod tests {
         for seed in 0..50 {
             let (costs, options) = random(seed);
             let limits = Limits { count: 20, margin: 5.0, visits: 100_000 };
-            let ways = best_ways(&costs, 4, limits, |hypothesis, member| {
-                &options[hypothesis][member]
-            });
+            let ways =
+                best_ways(&costs, 4, limits, |hypothesis, member| &options[hypothesis][member]);
             let mut expected = all(&costs, &options);
             expected.retain(|cost| *cost <= expected_best(&costs, &options) + 5.0);
             expected.truncate(20);
@@ -204,8 +204,7 @@ mod tests {
     fn some_way_is_found_with_little_work() {
         let (costs, options) = random(3);
         let limits = Limits { count: 20, margin: 5.0, visits: 1 };
-        let ways =
-            best_ways(&costs, 4, limits, |hypothesis, member| &options[hypothesis][member]);
+        let ways = best_ways(&costs, 4, limits, |hypothesis, member| &options[hypothesis][member]);
         assert!(!ways.is_empty());
     }
 }

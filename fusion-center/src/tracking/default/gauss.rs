@@ -173,9 +173,8 @@ impl Gauss {
         let (dx, dy) = (plot.position_m.x - self.mean[0], plot.position_m.y - self.mean[1]);
         let c = self.cov;
         let rows = [[c[XX], c[XY]], [c[XY], c[YY]], [c[XU], c[YU]], [c[XV], c[YV]]];
-        let gain = rows.map(|[x, y]| {
-            [x * inverse[0] + y * inverse[1], x * inverse[1] + y * inverse[2]]
-        });
+        let gain =
+            rows.map(|[x, y]| [x * inverse[0] + y * inverse[1], x * inverse[1] + y * inverse[2]]);
         let mut at = 0;
         for row in 0..4 {
             self.mean[row] += gain[row][0] * dx + gain[row][1] * dy;
@@ -224,8 +223,7 @@ impl Gauss {
         let mut at = 0;
         for row in 0..4 {
             for column in row..4 {
-                cov[at] =
-                    p * self.cov[at] + q * other.cov[at] + p * q * off[row] * off[column];
+                cov[at] = p * self.cov[at] + q * other.cov[at] + p * q * off[row] * off[column];
                 at += 1;
             }
         }

@@ -110,7 +110,8 @@ mod tests {
                 assert!(-prices.of_rows[row] <= alone + TOLERANCE);
                 for column in 0..3 {
                     let more = least(&costs, |of| of[row] == column) - best;
-                    let bound = costs[row][column] - prices.of_rows[row] - prices.of_columns[column];
+                    let bound =
+                        costs[row][column] - prices.of_rows[row] - prices.of_columns[column];
                     assert!(-TOLERANCE <= bound && bound <= more + TOLERANCE);
                     exact += usize::from(more - bound < TOLERANCE);
                 }

@@ -94,8 +94,7 @@ impl Target {
         if ready == 0 || self.leaf().status == Status::Tentative {
             return;
         }
-        let moments: Vec<Moment> =
-            self.trunk.iter().chain(&self.leaf().open).copied().collect();
+        let moments: Vec<Moment> = self.trunk.iter().chain(&self.leaf().open).copied().collect();
         settle(self.id, &moments, ready, config, into);
         self.trunk.drain(..ready);
     }

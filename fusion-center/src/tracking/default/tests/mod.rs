@@ -1,8 +1,8 @@
 //! The tracker on scenes of which everything is known.
 
-mod scenes;
-mod score;
 mod four;
 mod load;
+mod scenes;
+mod score;
 mod ten;
 mod turning;

@@ -69,12 +69,7 @@ impl Sensor {
     }
 
     /// A plot of a target with the state `(x, y, u, v)`.
-    pub(super) fn plot(
-        &self,
-        state: [f64; 4],
-        mean_db: Option<f64>,
-        rng: &mut ChaCha8Rng,
-    ) -> Plot {
+    pub(super) fn plot(&self, state: [f64; 4], mean_db: Option<f64>, rng: &mut ChaCha8Rng) -> Plot {
         let [sx, sy] = self.variances_m2.map(f64::sqrt);
         let position_m = Vector2::new(state[0] + sx * normal(rng), state[1] + sy * normal(rng));
         let off = Vector3::new(position_m.x, position_m.y, 0.0) - self.position_m;
@@ -100,7 +95,10 @@ pub(super) const EVERYWHERE: Coverage = Coverage {
 };
 
 /// Shuffles plots and numbers them.
-pub(super) fn shuffled(mut plots: Vec<(Plot, Truth)>, rng: &mut ChaCha8Rng) -> (Vec<Plot>, Vec<Truth>) {
+pub(super) fn shuffled(
+    mut plots: Vec<(Plot, Truth)>,
+    rng: &mut ChaCha8Rng,
+) -> (Vec<Plot>, Vec<Truth>) {
     for last in (1..plots.len()).rev() {
         plots.swap(last, rng.random_range(0..=last));
     }

@@ -7,7 +7,8 @@ use super::scenes::{Scene, Taken};
 use super::score::{Score, score};
 use crate::tracking::{Area, Coverage, Platform, Plot, Status, Tracker};
 
-const FILE: &str = "/work/shared/data/stanag4607/ten-targets-situation-awareness.4607"; const _X: &str = concat!(
+const FILE: &str = "/work/shared/data/stanag4607/ten-targets-situation-awareness.4607";
+const _X: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../../shared/data/stanag4607/ten-targets-situation-awareness.4607"
 );
@@ -171,7 +172,9 @@ fn study_ten_targets() {
                     let (tracks, sum) = follow(&scene, &config);
                     println!(
                         "push {push} clutter {clutter} sojourns {sojourns:?} hits {hits:?}: tracks {tracks} purity {:.4} links {}/{}",
-                        sum.purity(), sum.right_links, sum.links
+                        sum.purity(),
+                        sum.right_links,
+                        sum.links
                     );
                 }
             }

@@ -89,9 +89,21 @@ fn turning_runs(variances_m2: [f64; 2], seeds: std::ops::Range<u64>) -> Score {
 #[test]
 fn states_of_turning_targets_are_better_than_plots_and_as_good_as_said() {
     let sum = turning_runs([8.0, 20.0], 0..30);
-    println!("turning 8/20: {} {} {} {}", sum.filtered_rmse_m(), sum.nees(), sum.rmse_m(), sum.smoothed_nees());
+    println!(
+        "turning 8/20: {} {} {} {}",
+        sum.filtered_rmse_m(),
+        sum.nees(),
+        sum.rmse_m(),
+        sum.smoothed_nees()
+    );
     let sum4 = turning_runs([64.0, 400.0], 0..30);
-    println!("turning 64/400: {} {} {} {}", sum4.filtered_rmse_m(), sum4.nees(), sum4.rmse_m(), sum4.smoothed_nees());
+    println!(
+        "turning 64/400: {} {} {} {}",
+        sum4.filtered_rmse_m(),
+        sum4.nees(),
+        sum4.rmse_m(),
+        sum4.smoothed_nees()
+    );
     assert!(sum.filtered_rmse_m() <= 4.7, "{}", sum.filtered_rmse_m());
     assert!((0.9..=1.15).contains(&sum.nees()), "{}", sum.nees());
     assert_eq!(sum.tracks, 3 * 30);
@@ -119,8 +131,19 @@ fn study_turning() {
                         sum.add(&score(scene, &run(scene, &config)));
                     }
                 }
-                let show = sums.map(|s| format!("{:.2} {:.2} | {:.2} {:.2} ;", s.filtered_rmse_m(), s.nees(), s.rmse_m(), s.smoothed_nees()));
-                println!("lively {lively} steady {steady} sojourns {steady_s} {lively_s}: {}", show.concat());
+                let show = sums.map(|s| {
+                    format!(
+                        "{:.2} {:.2} | {:.2} {:.2} ;",
+                        s.filtered_rmse_m(),
+                        s.nees(),
+                        s.rmse_m(),
+                        s.smoothed_nees()
+                    )
+                });
+                println!(
+                    "lively {lively} steady {steady} sojourns {steady_s} {lively_s}: {}",
+                    show.concat()
+                );
             }
         }
     }
