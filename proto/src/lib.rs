@@ -11,5 +11,6 @@ pub mod measured;
 pub mod process;
 pub mod radar;
 pub mod refusals;
+pub mod stanag4607;
 pub mod time;
 pub mod wire;
