@@ -140,6 +140,6 @@ fn segment_size(claimed: u32, left: usize) -> Result<usize, Fault> {
 pub(super) fn truncated(bytes: &[u8]) -> ReadError {
     let header = PacketHeader::read(bytes);
     let size = header.map_or(LEAST_PACKET_SIZE, |(_, size)| size);
-    let place = Place { packet_index: 0, segment: None, field: "P2", byte_offset: 0 };
+    let place = Place { packet_index: 0, segment: None, field: "whole packet", byte_offset: 0 };
     ReadError { place, fault: Fault::PacketTruncated { size, available: bytes.len() } }
 }

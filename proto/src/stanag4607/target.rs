@@ -40,7 +40,7 @@ pub struct SensorMotion {
 }
 
 /// Which simulated target a report is of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TruthTag {
     /// The simulation.
     pub application: u8,
