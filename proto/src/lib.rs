@@ -8,6 +8,7 @@ pub mod geom;
 pub mod ids;
 pub mod keys;
 pub mod measured;
+pub mod pcap;
 pub mod process;
 pub mod radar;
 pub mod refusals;

@@ -18,6 +18,7 @@ const PURE: &[&str] = &[
     "proto/src/keys.rs",
     "proto/src/measured.rs",
     "proto/src/radar.rs",
+    "proto/src/stanag4607/",
     "proto/src/time.rs",
     "node-agent/src/imaging/",
     "node-agent/src/detect/",
