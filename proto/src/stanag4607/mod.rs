@@ -15,8 +15,8 @@
 //! byte; what fits the layout and is out of the standard's range is read as it is and refused only
 //! when written by [`Packet::encode`].
 //!
-//! No size in the input is believed before the bytes are there: memory stays within 32 times the
-//! bytes received.
+//! No size in the input is believed before the bytes are there: a packet takes at most 128 times
+//! its bytes (reports of one byte each; some six times with the fields of a usual report).
 
 mod check;
 mod dwell;

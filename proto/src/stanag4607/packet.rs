@@ -19,7 +19,7 @@ impl Packet {
     /// The packet that `bytes` are, from the first to the last: what a UDP datagram holds.
     ///
     /// # Errors
-    /// Says what is wrong and where; no more is allocated than 32 times the bytes.
+    /// Says what is wrong and where; no more than 128 times the bytes is allocated.
     pub fn decode(bytes: &[u8]) -> Result<Self, ReadError> {
         let mut walked = 0;
         let size = frame(bytes, u32::MAX, &mut walked)?.ok_or_else(|| truncated(bytes))?;

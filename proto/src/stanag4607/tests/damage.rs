@@ -6,7 +6,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
 use super::super::{Packet, ReadError, Reader, packets};
-use super::files::all_files;
+use super::file_tests::all_files;
 use super::sample;
 
 const MIB: u64 = 1 << 20;
@@ -22,7 +22,7 @@ fn read(bytes: &[u8]) -> Vec<Result<Packet, ReadError>> {
     let mut found = Vec::new();
     let used = measure(|| found = packets(bytes).collect());
     // The whole of a file is held as packets here; a reader alone holds one of them.
-    let most = MIB + 32 * bytes.len() as u64;
+    let most = MIB + MOST_PER_BYTE * bytes.len() as u64;
     assert!(used.bytes_max < most, "{} bytes for {}", used.bytes_max, bytes.len());
     for (index, packet) in found.iter().enumerate() {
         match packet {

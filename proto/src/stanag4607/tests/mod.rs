@@ -2,7 +2,7 @@
 
 mod any;
 mod damage;
-mod files;
+mod file_tests;
 mod oracle;
 mod refused;
 mod scales;
