@@ -114,7 +114,7 @@ fn block(big: Big, kind: u32, fields: &[u8]) -> Vec<u8> {
 fn section(big: Big, resolution: Option<u8>, ticks: u64) -> Vec<u8> {
     let versions = [big.short(1), big.short(0)].concat();
     let header = [&big.long(0x1a2b_3c4d)[..], &versions, &[0xff; 8]].concat();
-    let option = |resolution| [&big.short(9)[..], &big.short(1), &[resolution, 0, 0, 0]].concat();
+    let option = |power| [&big.short(9)[..], &big.short(1), &[power, 0, 0, 0]].concat();
     let end = [0; 4];
     let options = resolution.map_or(Vec::new(), |one| [option(one), end.to_vec()].concat());
     let interface = [&big.short(1)[..], &[0; 2], &big.long(65_535), &options].concat();

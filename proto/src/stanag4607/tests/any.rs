@@ -19,7 +19,6 @@ fn report(there: u32) -> impl Strategy<Value = TargetReport> {
     let bytes = (any::<[i16; 6]>(), any::<[u16; 3]>(), any::<[u8; 6]>(), any::<[u32; 3]>());
     bytes.prop_map(move |(short, word, byte, long)| {
         let has = |bit: u32| there >> bit & 1 == 1;
-        let signed = |byte: u8| byte.cast_signed();
         TargetReport {
             index: has(0).then_some(word[0]),
             latitude: has(1).then_some(Sa32(long[0].cast_signed())),
@@ -29,7 +28,7 @@ fn report(there: u32) -> impl Strategy<Value = TargetReport> {
             height_m: has(5).then_some(short[2]),
             radial_velocity_cm_per_s: has(6).then_some(short[3]),
             wrap_velocity_cm_per_s: has(7).then_some(word[1]),
-            snr_db: has(8).then_some(signed(byte[0])),
+            snr_db: has(8).then_some(byte[0].cast_signed()),
             classification: has(9).then_some(byte[1]),
             class_percent: has(10).then_some(byte[2]),
             slant_sigma_cm: has(11).then_some(word[2]),
@@ -38,7 +37,7 @@ fn report(there: u32) -> impl Strategy<Value = TargetReport> {
             radial_sigma_cm_per_s: has(14).then_some(short[5].cast_unsigned()),
             truth_application: has(15).then_some(byte[4]),
             truth_entity: has(16).then_some(long[2]),
-            cross_section_half_db: has(17).then_some(signed(byte[5])),
+            cross_section_half_db: has(17).then_some(byte[5].cast_signed()),
         }
     })
 }
@@ -148,13 +147,18 @@ prop_compose! {
 
 prop_compose! {
     fn history()(
-        base in (text(), text(), any::<u32>(), any::<u32>()),
+        origin in (text(), text(), any::<u32>(), any::<u32>()),
         steps in vec((text(), text(), any::<(u8, u32, u32, u16)>()), 0..5),
     ) -> Segment {
-        let (nationality, platform_id, mission_id, job_id) = base;
+        let (nationality, platform_id, mission_id, job_id) = origin;
         let base = HistoryBase { nationality, platform_id, mission_id, job_id };
-        let step = |(nationality, platform_id, (sequence, mission_id, job_id, processing))| {
-            HistoryStep { sequence, nationality, platform_id, mission_id, job_id, processing }
+        let step = |(country, platform, numbers): (_, _, (u8, u32, u32, u16))| HistoryStep {
+            sequence: numbers.0,
+            nationality: country,
+            platform_id: platform,
+            mission_id: numbers.1,
+            job_id: numbers.2,
+            processing: numbers.3,
         };
         let steps = steps.into_iter().map(step).collect();
         Segment::ProcessingHistory(ProcessingHistory { base, steps })

@@ -38,11 +38,12 @@ pub(super) fn all_files() -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 fn dwells(packets: &[Packet]) -> Vec<&Dwell> {
-    let of_segment = |segment| match segment {
-        &Segment::Dwell(ref dwell) => Some(&**dwell),
+    let segments = packets.iter().flat_map(|packet| &packet.segments);
+    let dwells = segments.filter_map(|segment| match segment {
+        Segment::Dwell(dwell) => Some(&**dwell),
         _ => None,
-    };
-    packets.iter().flat_map(|packet| &packet.segments).filter_map(of_segment).collect()
+    });
+    dwells.collect()
 }
 
 #[test]

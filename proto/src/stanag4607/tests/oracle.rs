@@ -43,7 +43,7 @@ const FULL_DWELL: &str = "
 /// The digits of a listing: names of fields and what follows `=` left out.
 fn listed(listing: &str) -> Vec<u8> {
     let is_hex = |word: &&str| {
-        word.len() % 2 == 0 && word.chars().all(|c| matches!(c, '0'..='9' | 'a'..='f'))
+        word.len().is_multiple_of(2) && word.chars().all(|c| matches!(c, '0'..='9' | 'a'..='f'))
     };
     let digits = listing.lines().flat_map(|line| line.split_whitespace().take_while(is_hex));
     bytes(&digits.collect::<String>())
@@ -292,19 +292,19 @@ fn the_small_segments_are_read_field_by_field() {
 
     let text = b"FROM      TO        two\nlines";
     let (originator, recipient) = (Text::new("FROM").unwrap(), Text::new("TO").unwrap());
-    let expected = FreeText { originator, recipient, text: b"two\nlines".to_vec() };
-    assert_eq!(only(&packet(&segment(6, text))), Segment::FreeText(expected));
+    let note = FreeText { originator, recipient, text: b"two\nlines".to_vec() };
+    assert_eq!(only(&packet(&segment(6, text))), Segment::FreeText(note));
 
     let raw = segment(64, &[1, 2, 3]);
-    let expected = Segment::Other { kind: SegmentKind(64), bytes: vec![1, 2, 3] };
-    assert_eq!(only(&packet(&raw)), expected);
+    let other = Segment::Other { kind: SegmentKind(64), bytes: vec![1, 2, 3] };
+    assert_eq!(only(&packet(&raw)), other);
 }
 
 #[test]
 fn a_history_lists_its_steps() {
-    let base = "02 5a5a 53594e30303030312020 00000001 00000002";
-    let step = "01 5a59 53594e30303030322020 00000003 00000004 0102";
-    let fields = bytes(&(base.to_owned() + step + step));
+    let base_hex = "02 5a5a 53594e30303030312020 00000001 00000002";
+    let step_hex = "01 5a59 53594e30303030322020 00000003 00000004 0102";
+    let fields = bytes(&(base_hex.to_owned() + step_hex + step_hex));
     let Segment::ProcessingHistory(history) = only(&packet(&segment(12, &fields))) else {
         panic!("no history")
     };

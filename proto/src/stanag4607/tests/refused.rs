@@ -6,9 +6,9 @@ use super::super::{
 };
 use super::{bytes, dwell, packet, packet_of, sample, segment};
 
-/// The error of one packet: its text, which holds place and numbers.
-fn reading(bytes: &[u8]) -> String {
-    Packet::decode(bytes).unwrap_err().to_string()
+/// The error of one packet has this text, which holds place and numbers.
+fn refuses(bytes: &[u8], expected: &str) {
+    assert_eq!(Packet::decode(bytes).unwrap_err().to_string(), expected);
 }
 
 fn with(at: usize, value: &[u8]) -> Vec<u8> {
@@ -22,74 +22,58 @@ const DWELL: usize = 76;
 
 #[test]
 fn headers_that_cannot_be() {
-    let size = sample().encode().unwrap().len();
-    let text = reading(&with(0, b"20"));
-    assert_eq!(text, "packet 0, P1 at byte 0: edition \"20\" is not one of 30, 31 and 41");
-    let text = reading(&with(2, &31_u32.to_be_bytes()));
-    let expected = "packet 0, P2 at byte 2: a packet of 31 bytes is smaller than its header of 32";
-    assert_eq!(text, expected);
-    let text = reading(&with(2, &10_000_u32.to_be_bytes()));
-    let expected = "packet 0, whole packet at byte 0: the packet has 10000 bytes and the input \
-        ends after 140 of them";
-    assert_eq!(text, expected);
-    let text = reading(&sample().encode().unwrap()[..100]);
-    assert_eq!(
-        text,
-        format!(
-            "packet 0, whole packet at byte 0: the packet has {size} bytes and the input ends after 100 of them"
-        )
-    );
-    let two = [sample().encode().unwrap(), vec![0; 3]].concat();
-    let expected = format!(
-        "packet 0, end at byte {size}: 3 bytes follow the packet; a datagram holds one packet"
-    );
-    assert_eq!(reading(&two), expected);
+    let whole = sample().encode().unwrap();
+    let edition = "packet 0, P1 at byte 0: edition \"20\" is not one of 30, 31 and 41";
+    refuses(&with(0, b"20"), edition);
+    let small = "packet 0, P2 at byte 2: a packet of 31 bytes is smaller than its header of 32";
+    refuses(&with(2, &31_u32.to_be_bytes()), small);
+    let large = "packet 0, whole packet at byte 0: the packet has 10000 bytes and the input ends \
+        after 140 of them";
+    refuses(&with(2, &10_000_u32.to_be_bytes()), large);
+    let cut = "packet 0, whole packet at byte 0: the packet has 140 bytes and the input ends \
+        after 100 of them";
+    refuses(&whole[..100], cut);
+    let more = "packet 0, end at byte 140: 3 bytes follow the packet; a datagram holds one packet";
+    refuses(&[whole, vec![0; 3]].concat(), more);
 }
 
 #[test]
 fn segments_that_cannot_be() {
-    let text = reading(&with(DWELL + 1, &4_u32.to_be_bytes()));
-    let expected = "packet 0, S2 at byte 76: a segment of 4 bytes is smaller than its header of 5";
-    assert_eq!(text, expected);
-    let text = reading(&with(DWELL + 1, &u32::MAX.to_be_bytes()));
-    assert!(text.starts_with("packet 0, S2 at byte 76: a segment of 4294967295 bytes does not"));
-    let text = reading(&packet(&[1, 0, 0]));
-    let expected = "packet 0, S1 at byte 32: 3 bytes are left, too few for the header of a segment";
-    assert_eq!(text, expected);
-    let text = reading(&packet(&segment(1, &[0; 38])));
-    let expected = "packet 0, segment 0 (mission), M7 at byte 75: the field has 1 bytes and the \
+    let small = "packet 0, S2 at byte 76: a segment of 4 bytes is smaller than its header of 5";
+    refuses(&with(DWELL + 1, &4_u32.to_be_bytes()), small);
+    let large = "packet 0, S2 at byte 76: a segment of 4294967295 bytes does not fit into the 64 \
+        left in the packet";
+    refuses(&with(DWELL + 1, &u32::MAX.to_be_bytes()), large);
+    let stub = "packet 0, S1 at byte 32: 3 bytes are left, too few for the header of a segment";
+    refuses(&packet(&[1, 0, 0]), stub);
+    let short = "packet 0, segment 0 (mission), M7 at byte 75: the field has 1 bytes and the \
         segment ends after 0 of them";
-    assert_eq!(text, expected);
-    let text = reading(&packet(&segment(13, &[0; 25])));
-    let expected = "packet 0, segment 0 (platform location), end at byte 60: 2 bytes are left \
-        after the last field";
-    assert_eq!(text, expected);
+    refuses(&packet(&segment(1, &[0; 38])), short);
+    let long = "packet 0, segment 0 (platform location), end at byte 60: 2 bytes are left after \
+        the last field";
+    refuses(&packet(&segment(13, &[0; 25])), long);
 }
 
 #[test]
 fn dwells_that_cannot_be() {
-    let text = reading(&with(DWELL + 5, &[0xfe]));
-    let expected = "packet 0, segment 1 (dwell), D9 at byte 81: the mask 0xfe0003c180000000 \
-        leaves out this mandatory field";
-    assert_eq!(text, expected);
+    let masked = "packet 0, segment 1 (dwell), D9 at byte 81: the mask 0xfe0003c180000000 leaves \
+        out this mandatory field";
+    refuses(&with(DWELL + 5, &[0xfe]), masked);
     // D5 is the fourth field after the mask of eight bytes.
-    let text = reading(&with(DWELL + 5 + 13, &u16::MAX.to_be_bytes()));
-    let expected = "packet 0, segment 1 (dwell), D32 at byte 124: 65535 entries of 8 bytes do \
-        not fit into the 16 left";
-    assert_eq!(text, expected);
+    let many = "packet 0, segment 1 (dwell), D32 at byte 124: 65535 entries of 8 bytes do not fit \
+        into the 16 left";
+    refuses(&with(DWELL + 5 + 13, &u16::MAX.to_be_bytes()), many);
     let mask = 0xff00_03c0_0000_0000_u64;
-    let text = reading(&with(DWELL + 5, &mask.to_be_bytes()));
-    let expected = "packet 0, segment 1 (dwell), D32 at byte 124: 2 reports are announced, and \
-        the mask selects none of their fields";
-    assert_eq!(text, expected);
+    let empty = "packet 0, segment 1 (dwell), D32 at byte 124: 2 reports are announced, and the \
+        mask selects none of their fields";
+    refuses(&with(DWELL + 5, &mask.to_be_bytes()), empty);
 }
 
 #[test]
 fn histories_that_cannot_be() {
-    let text = reading(&packet(&segment(12, &[3; 21 + 23])));
-    let expected = "packet 0, segment 0 (processing history), C6 at byte 58: 3 entries of 23 \
-        bytes do not fit into the 23 left";
-    assert_eq!(text, expected);
+    let many = "packet 0, segment 0 (processing history), C6 at byte 58: 3 entries of 23 bytes do \
+        not fit into the 23 left";
+    refuses(&packet(&segment(12, &[3; 21 + 23])), many);
 }
 
 #[test]
@@ -123,8 +107,8 @@ fn masks_and_counts_that_disagree_are_not_written() {
     let mut unsealed = dwell();
     unsealed.track_sigma_deg = Some(3);
     let (mask, bit) = (dwell().mask, 1 << 47);
-    let expected = WriteError::MaskDisagrees { segment_index: 0, mask, fields: mask | bit };
-    assert_eq!(writing(unsealed.clone()), expected);
+    let masked = WriteError::MaskDisagrees { segment_index: 0, mask, fields: mask | bit };
+    assert_eq!(writing(unsealed.clone()), masked);
     assert!(packet_of(vec![unsealed.into()]).encode_as_read().is_err());
 
     let mut uneven = dwell();
@@ -135,8 +119,8 @@ fn masks_and_counts_that_disagree_are_not_written() {
     uncounted.reports.pop();
     let field = "D5";
     let (segment_index, count, present, limit) = (0, 2, 1, 65_535);
-    let expected = WriteError::CountDisagrees { segment_index, field, count, present, limit };
-    assert_eq!(writing(uncounted), expected);
+    let counted = WriteError::CountDisagrees { segment_index, field, count, present, limit };
+    assert_eq!(writing(uncounted), counted);
     let crowded = dwell().with_reports(vec![dwell().reports[0]; 65_536]);
     assert!(matches!(writing(crowded), WriteError::CountDisagrees { present: 65_536, .. }));
 

@@ -130,10 +130,11 @@ fn texts_are_filled_with_spaces_and_refused_by_name() {
     assert_eq!(text.0, *b"AB    ");
     assert_eq!(text.trimmed(), "AB");
     assert_eq!(Text(*b"\0Te\xffst\0").trimmed(), "Te\u{fffd}st");
-    let (text, length, width) = ("ABC".to_owned(), 3, 2);
-    assert_eq!(Text::<2>::new("ABC"), Err(TextError::TooLong { text, length, width }));
-    let (text, found) = ("Ä".to_owned(), 'Ä');
-    assert_eq!(Text::<2>::new("Ä"), Err(TextError::NotBasic { text, found }));
+    let wide = "ABC".to_owned();
+    let long = TextError::TooLong { text: wide.clone(), length: 3, width: 2 };
+    assert_eq!(Text::<2>::new(&wide), Err(long));
+    let foreign = TextError::NotBasic { text: "Ä".to_owned(), found: 'Ä' };
+    assert_eq!(Text::<2>::new("Ä"), Err(foreign));
 }
 
 fn mission(year: u16, month: u8, day: u8) -> Mission {

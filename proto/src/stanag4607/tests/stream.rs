@@ -42,14 +42,14 @@ fn pieces_of_any_size_give_the_same_packets() {
 #[test]
 fn a_damaged_segment_costs_one_packet() {
     let mut parts = three();
-    // The month of the reference date is in the middle of the mission: D1 of the dwell follows.
+    // The first byte of D1, after the header of the packet, the mission, and a segment header.
     let mask_at = 32 + 44 + 5;
     parts[1][mask_at] = 0;
     let bytes = parts.concat();
     let found: Vec<_> = packets(&bytes).collect();
     assert_eq!(missions(&found), [1, 3]);
     let error = found[1].as_ref().unwrap_err();
-    assert_eq!(error.fault, Fault::MandatoryAbsent { mask: 0x00_0003_c180_0000_00 << 8 >> 8 });
+    assert_eq!(error.fault, Fault::MandatoryAbsent { mask: 0x0000_03c1_8000_0000 });
     assert_eq!(error.place.packet_index, 1);
     assert_eq!(error.place.byte_offset, (parts[0].len() + mask_at) as u64);
 }
