@@ -108,7 +108,7 @@ masked_table! {
         /// D32.11: probability that the class is right, percent.
         class_percent: Option<u8> = "D32.11" @ 23,
         /// D32.12: error of the slant range, centimetres.
-        slant_sigma_cm: Option<u16> = "D32.12" @ 21,
+        slant_sigma_cm: Option<u16> = "D32.12" @ 22,
         /// D32.13: error across the line of sight, decimetres.
         cross_sigma_dm: Option<u16> = "D32.13" @ 21,
         /// D32.14: error of the height, metres.
