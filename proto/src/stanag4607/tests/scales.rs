@@ -176,6 +176,9 @@ fn times_go_on_over_midnight() {
     assert_eq!(clock.unix_ms(day_ms + 1), Some(start + 86_400_001));
     assert_eq!(clock.time_ms(start + 86_400_001), Some(day_ms + 1));
     assert_eq!(clock.time_ms(start - 1), None);
+    // A dwell that comes 14 hours late is still on its own day.
+    assert_eq!(clock.unix_ms(day_ms + 50_400_001), Some(2 * start + 50_400_001));
+    assert_eq!(clock.unix_ms(day_ms + 1), Some(2 * start + 1));
     // Another begins again at zero, repeats its date, and sends one dwell late.
     clock = MissionClock::default();
     clock.set(&mission(1970, 1, 2)).unwrap();

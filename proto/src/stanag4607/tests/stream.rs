@@ -76,7 +76,11 @@ fn wrong_sizes_are_noticed_and_passed_over() {
 #[test]
 fn noise_between_packets_is_passed_over() {
     let parts = three();
-    let noise = [b"30 41 31 noise that is no header \x00\x30\x30".as_slice(), &[0; 50]].concat();
+    // Headers with an impossible classification, an impossible exercise, a segment of no size.
+    let mut fakes = vec![super::packet(&segment(1, &[0; 39])); 3];
+    (fakes[0][8], fakes[1][13], fakes[2][36]) = (0, 3, 0);
+    let words = b"30 41 31 noise that is no header \x00\x30\x30";
+    let noise = [&words[..], &fakes.concat(), &[0; 50]].concat();
     let bytes = [&noise[..], &parts[0], &noise, &parts[1], &parts[2], &noise].concat();
     let found: Vec<_> = packets(&bytes).collect();
     assert_eq!(missions(&found), [1, 2, 3]);
