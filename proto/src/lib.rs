@@ -4,6 +4,7 @@
 
 pub mod bus;
 pub mod config;
+pub mod geodesy;
 pub mod geom;
 pub mod ids;
 pub mod keys;

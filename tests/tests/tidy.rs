@@ -12,6 +12,7 @@ const MAX_FILE_LINES: usize = 500;
 
 /// Folders and files of pure functions: no clock, no network, no executor, no environment, no file.
 const PURE: &[&str] = &[
+    "proto/src/geodesy/",
     "proto/src/geom/",
     "proto/src/wire/",
     "proto/src/ids.rs",
