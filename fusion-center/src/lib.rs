@@ -2,6 +2,7 @@
 
 pub mod cli;
 pub mod config;
+pub mod export;
 pub mod fuse;
 pub mod gather;
 pub mod network;

@@ -29,6 +29,7 @@ const PURE: &[&str] = &[
     "node-agent/src/plot/",
     "node-agent/src/pipeline.rs",
     "node-agent/src/source/simulated.rs",
+    "fusion-center/src/export/",
     "fusion-center/src/gather/",
     "fusion-center/src/registration/",
     "fusion-center/src/network/",

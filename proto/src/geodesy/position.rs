@@ -175,9 +175,14 @@ mod tests {
     fn every_place_up_to_a_hundred_kilometres_agrees_with_the_slow_solution() {
         for lat_deg in (-90..=90).step_by(5) {
             for lon_deg in [-180.0, -90.0, -0.1, 0.0, 37.0, 111.7, 179.999_999] {
-                let heights_m = [-400.0, 0.0, 1_050.0, 12_000.0, 99_999.0];
-                heights_m.map(|height_m| agrees(&position(f64::from(lat_deg), lon_deg, height_m)));
+                agree_at([-400.0, 0.0, 1_050.0, 12_000.0, 99_999.0], f64::from(lat_deg), lon_deg);
             }
+        }
+    }
+
+    fn agree_at(heights_m: [f64; 5], lat_deg: f64, lon_deg: f64) {
+        for height_m in heights_m {
+            agrees(&position(lat_deg, lon_deg, height_m));
         }
     }
 
