@@ -132,6 +132,22 @@ fn the_definition_agrees_with_published_places() {
     }
 }
 
+/// Of PROJ 9.5.1: `pyproj.Proj(proj="utm", zone=49, ellps="WGS84").get_factors(lon, lat)`.
+#[test]
+fn convergence_and_scale_are_those_of_another_program() {
+    let grid = grid(49, Hemisphere::North);
+    for (lat_deg, off_deg, convergence_deg, scale) in [
+        (40.8, 0.7, 0.457_407_615, 0.999_642_915_43),
+        (84.0, 3.0, 2.983_595_467, 0.999_614_959_11),
+        (80.0, -6.0, -5.909_496_910, 0.999_764_740_15),
+        (56.0, -12.0, -9.994_192_488, 1.006_438_731_20),
+    ] {
+        let factors = grid.factors(&position(lat_deg, 111.0 + off_deg)).unwrap();
+        assert!((factors.convergence_deg - convergence_deg).abs() < 1e-7, "{factors:?}");
+        assert!((factors.scale - scale).abs() < 1e-9, "{factors:?}");
+    }
+}
+
 /// The specification's figure: 0.46 degrees at Hohhot, 160 m at 20 km \[wide-area, geodesy\].
 #[test]
 fn convergence_at_hohhot_moves_a_target_by_160_m_at_20_km() {
@@ -139,7 +155,7 @@ fn convergence_at_hohhot_moves_a_target_by_160_m_at_20_km() {
     let grid = UtmGrid::at(&hohhot).unwrap();
     assert_eq!(grid.zone().to_string(), "49N");
     let convergence_deg = grid.factors(&hohhot).unwrap().convergence_deg;
-    assert!((convergence_deg - 0.457_4).abs() < 1e-3, "{convergence_deg}");
+    assert!((convergence_deg - 0.457_408).abs() < 1e-6, "{convergence_deg}");
     let moved_m = 20_000.0 * convergence_deg.to_radians();
     assert!((moved_m - 160.0).abs() < 1.0, "{moved_m}");
     // The same from two points of the grid: going true north, easting falls by this much.
