@@ -9,7 +9,7 @@
 //!
 //! Properties of a position: `track` (number), `name`, `status` (`tentative`, `confirmed`,
 //! `coasting`, `stopped`), `time_utc` (ISO 8601), `time_unix_s`, `course_deg` (clockwise from true
-//! north), `speed_m_per_s`, `velocity_m_per_s` \[east, north\], `cov_m2` \[ee, en, nn\],
+//! north), `speed_m_per_s`, `velocity_m_per_s` (east, north), `cov_m2` (ee, en, nn),
 //! `height_sigma_m` (or null), `first_seen_utc`, `last_seen_utc`, `sensors`, `report` (or null).
 
 use proto::geodesy::GeoPosition;
