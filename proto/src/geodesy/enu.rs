@@ -7,7 +7,7 @@ use super::{EcefPosition, GeoPosition, GeodesyError};
 /// How near the height of [`EnuFrame::on_surface`] comes to what was asked for, metres.
 const HEIGHT_TOLERANCE_M: f64 = 1e-6;
 /// Each step leaves of the error no more than (distance / earth's radius)², so that this many
-/// serve for any distance at which a tangent plane means something.
+/// serve up to 3000 km.
 const HEIGHT_STEPS_MAX: usize = 40;
 
 /// The frame of east, north and up in the plane that touches the ellipsoid's normal at its origin.
@@ -118,16 +118,15 @@ impl EnuFrame {
         height_m: f64,
     ) -> Result<GeoPosition, GeodesyError> {
         let mut up_m = height_m - self.origin.height_m();
-        let mut found = self.to_geo(&EnuPoint { east_m, north_m, up_m })?;
         for _ in 0..HEIGHT_STEPS_MAX {
+            let found = self.to_ecef(&EnuPoint { east_m, north_m, up_m });
             let missing_m = height_m - found.height_m();
             if missing_m.abs() < HEIGHT_TOLERANCE_M {
-                break;
+                return found.to_geo()?.at_height(height_m);
             }
             up_m += missing_m;
-            found = self.to_geo(&EnuPoint { east_m, north_m, up_m })?;
         }
-        found.at_height(height_m)
+        Err(GeodesyError::BesideEarth { east_m, north_m, height_m })
     }
 
     /// How a place is seen from the origin.
@@ -314,6 +313,11 @@ mod tests {
         let frame = EnuFrame::new(position(40.8, 111.7, 0.0));
         let far = frame.to_geo(&EnuPoint { east_m: 0.0, north_m: 0.0, up_m: 1e6 });
         assert!(matches!(far, Err(GeodesyError::Height { .. })), "{far:?}");
-        assert!(frame.on_surface(1e8, 0.0, 0.0).is_err());
+        let low = EnuFrame::new(position(0.0, 111.7, 0.0));
+        assert!(low.on_surface(3e6, 0.0, 0.0).is_ok());
+        for (east_m, north_m) in [(0.0, 6.37e6), (1e8, 0.0), (f64::NAN, 0.0)] {
+            let beside = low.on_surface(east_m, north_m, 0.0).unwrap_err();
+            assert!(matches!(beside, GeodesyError::BesideEarth { .. }), "{beside}");
+        }
     }
 }

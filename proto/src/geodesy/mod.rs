@@ -47,6 +47,19 @@ pub enum GeodesyError {
         /// As given, metres.
         height_m: f64,
     },
+    /// Neither above nor below the point is there a place of that height.
+    #[error(
+        "no place {height_m} m high lies above or below {east_m} m east, {north_m} m north of the \
+         frame; take a frame that stands nearer"
+    )]
+    BesideEarth {
+        /// In the frame's plane, metres.
+        east_m: f64,
+        /// In the frame's plane, metres.
+        north_m: f64,
+        /// Above the ellipsoid, metres.
+        height_m: f64,
+    },
     /// No such zone.
     #[error("UTM zone {number} does not exist; zones are 1 to 60")]
     Zone {

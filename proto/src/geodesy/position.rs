@@ -88,6 +88,11 @@ impl EcefPosition {
         GeoPosition::new(found.y().to_degrees(), found.x().to_degrees(), found.z())
     }
 
+    /// Above the ellipsoid, metres; of any place, near the surface or not.
+    pub(super) fn height_m(&self) -> f64 {
+        ellipsoid().geographic(&Coor3D::raw(self.0.x, self.0.y, self.0.z)).z()
+    }
+
     /// The straight line to another place, metres.
     #[must_use]
     pub fn distance_m(&self, other: &Self) -> f64 {
