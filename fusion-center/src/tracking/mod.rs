@@ -8,6 +8,7 @@
 pub mod assign;
 pub mod default;
 pub mod gate;
+pub mod links;
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 use thiserror::Error;
