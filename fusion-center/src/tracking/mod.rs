@@ -7,11 +7,17 @@
 
 pub mod assign;
 pub mod default;
+mod check;
+mod config;
 pub mod gate;
 pub mod links;
+pub mod paper;
+pub mod smooth;
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 use thiserror::Error;
+
+pub use config::InvalidSetting;
 
 /// What one sensor saw in one dwell or period.
 #[derive(Clone, Debug)]
@@ -189,6 +195,16 @@ pub enum LookError {
         what: &'static str,
         /// What it was, as text.
         value: String,
+    },
+    /// The tracker needs to know where the sensor was, and is not told.
+    #[error(
+        "tracking look {look_index} of sensor {sensor_index}: it has no platform, and this tracker works with range and angle of a flying sensor; use the default tracker"
+    )]
+    NoPlatform {
+        /// Which sensor.
+        sensor_index: u32,
+        /// Which look.
+        look_index: u64,
     },
     /// The look is older than one before.
     #[error(

@@ -1,0 +1,293 @@
+//! The association of \[wide-area\] and its two rivals as trackers.
+//!
+//! ```text
+//! track's newest plot ─► r̂, θ̂ ─► gates: beam, range, angle ─► degrees ┬► paper: least sum of D over all
+//!  (law of cosines)                                                   ├► nearest: least D of each row
+//!                                                                     └► belief: BetP, row by row or over all
+//! plot taken ─► Kalman filter ─► smoothed states afterwards
+//! ```
+//!
+//! All three are without memory: of a track they know its newest plot only, the Kalman filter has no
+//! say. Plots that no track takes begin tracks; a track is confirmed by M of N looks that could have
+//! seen it, and ends unseen: a target that stops and one that disappears are the same to it, so the
+//! status `Stopped` is never given. The publication asks for initiation, maintenance and end of
+//! tracks without figures; those are settings. As everything is measured from a flying sensor, looks
+//! without a platform are refused.
+
+mod belief;
+mod config;
+mod decide;
+mod degree;
+mod filter;
+mod followed;
+mod geometry;
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+pub use config::{
+    AcrossGate, BeliefConfig, BeliefDecision, PaperConfig, PerAttribute, Sharing, Start,
+};
+
+use super::{InvalidSetting, Look, LookError, Platform, Settled, Track, Tracker};
+use decide::{Candidate, Choice, Decider};
+use degree::{angle_error_rad, degrees, range_error_m};
+use followed::{Expected, Followed};
+use geometry::{Gradients, Sight, line};
+
+/// Settled steps kept for whoever takes them, between two looks.
+const MAX_SETTLED_COUNT: usize = 1 << 17;
+
+/// Which association.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// The global optimum, as published.
+    Paper,
+    /// The nearest neighbour by the same cost.
+    Nearest,
+    /// The belief function method.
+    Belief,
+}
+
+/// A tracker without memory in its association.
+#[derive(Clone, Debug)]
+pub struct PaperTracker {
+    mode: Mode,
+    config: PaperConfig,
+    followed: Vec<Followed>,
+    next_id: u64,
+    newest_s: Option<f64>,
+    tracks: Vec<Track>,
+    settled: VecDeque<Settled>,
+    scratch: Scratch,
+}
+
+/// Memory for one look.
+#[derive(Clone, Debug, Default)]
+struct Scratch {
+    /// Ascending in range.
+    columns: Vec<Column>,
+    expected: Vec<Expected>,
+    candidates: Vec<Candidate>,
+    choices: Vec<Option<Choice>>,
+    is_taken: Vec<bool>,
+    decider: Decider,
+}
+
+/// A plot as the sensor sees it.
+#[derive(Clone, Copy, Debug)]
+struct Column {
+    index: usize,
+    line: Vector3<f64>,
+    range_m: f64,
+    /// `r_e`
+    range_error_m: f64,
+}
+
+impl PaperTracker {
+    /// A tracker that knows nobody.
+    ///
+    /// # Errors
+    /// If a setting makes no sense.
+    pub fn new(mode: Mode, config: &PaperConfig) -> Result<Self, InvalidSetting> {
+        config.check()?;
+        Ok(Self {
+            mode,
+            config: *config,
+            followed: Vec::new(),
+            next_id: 0,
+            newest_s: None,
+            tracks: Vec::new(),
+            settled: VecDeque::new(),
+            scratch: Scratch::default(),
+        })
+    }
+
+    /// Which plot each track takes; nothing but `scratch` is changed.
+    fn associate(&mut self, look: &Look<'_>, platform: &Platform) -> Result<(), LookError> {
+        let scratch = &mut self.scratch;
+        scratch.expected.clear();
+        let expected = |track: &Followed| track.seen.expected(look.time_s, platform);
+        scratch.expected.extend(self.followed.iter().map(expected));
+        columns(look, platform, &self.config, &mut scratch.columns);
+        scratch.candidates.clear();
+        let max_error_m =
+            scratch.columns.iter().fold(0.0, |most: f64, c| most.max(c.range_error_m));
+        for (row, (track, expected)) in self.followed.iter().zip(&scratch.expected).enumerate() {
+            let gate = Gate { config: &self.config, look, platform, max_error_m };
+            let found = gate.candidates((row, track), expected, &scratch.columns);
+            scratch.candidates.extend(found);
+        }
+        let counts = (self.followed.len(), look.plots.len());
+        let choices = &mut scratch.choices;
+        scratch
+            .decider
+            .decide((self.mode, &self.config), &scratch.candidates, counts, choices)
+            .map_err(|error| look.unusable("number of pairs", error))
+    }
+
+    /// Gives the tracks their plots, oldest first, and ends those that are over.
+    fn follow(&mut self, look: &Look<'_>, platform: &Platform) {
+        let Self { config, scratch, settled, .. } = self;
+        let Scratch { expected, choices, is_taken, .. } = scratch;
+        is_taken.clear();
+        is_taken.resize(look.plots.len(), false);
+        let mut decided = choices.iter().zip(expected.iter());
+        self.followed.retain_mut(|track| {
+            let Some((choice, expected)) = decided.next() else { return true };
+            let is_over = match choice {
+                Some(choice) => {
+                    let is_second = std::mem::replace(&mut is_taken[choice.column], true);
+                    let is_over = is_second && config.sharing == Sharing::OldestGoesOn;
+                    if !is_over {
+                        track.take((look, platform), *choice, config);
+                    }
+                    is_over
+                }
+                None if track.is_looked_at(&look.coverage.area, platform, expected) => {
+                    track.miss(look, config);
+                    track.has_ended(config)
+                }
+                None => false,
+            };
+            if is_over {
+                track.settle_all(settled);
+            } else {
+                track.settle_old(config.lag_count, settled);
+            }
+            !is_over
+        });
+    }
+
+    /// Begins tracks with the plots that nobody took.
+    fn begin(&mut self, look: &Look<'_>, platform: &Platform) {
+        let may_begin = self.config.start == Start::EveryLook || self.newest_s.is_none();
+        let free = look.plots.iter().zip(&self.scratch.is_taken).filter(|(_, taken)| !**taken);
+        let room = self.config.max_track_count.saturating_sub(self.followed.len());
+        for (plot, _) in free.take(if may_begin { room } else { 0 }) {
+            self.followed.push(Followed::new(self.next_id, (look, platform), plot, &self.config));
+            self.next_id += 1;
+        }
+    }
+}
+
+impl Tracker for PaperTracker {
+    fn look(&mut self, look: &Look<'_>) -> Result<(), LookError> {
+        look.check(self.newest_s)?;
+        let (sensor_index, look_index) = (look.sensor_index, look.look_index);
+        let platform = look.platform.ok_or(LookError::NoPlatform { sensor_index, look_index })?;
+        self.associate(look, &platform)?;
+        let excess = self.settled.len().saturating_sub(MAX_SETTLED_COUNT);
+        self.settled.drain(..excess);
+        self.follow(look, &platform);
+        self.begin(look, &platform);
+        self.newest_s = Some(look.time_s);
+        self.tracks.clear();
+        self.tracks.extend(self.followed.iter().filter_map(Followed::track));
+        Ok(())
+    }
+
+    fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    fn take_settled(&mut self, into: &mut Vec<Settled>) {
+        into.extend(self.settled.drain(..));
+    }
+
+    fn finish(&mut self) {
+        self.followed.iter_mut().for_each(|track| track.settle_all(&mut self.settled));
+        self.followed.clear();
+    }
+}
+
+/// The plots of a look in ascending order of range.
+fn columns(look: &Look<'_>, platform: &Platform, config: &PaperConfig, into: &mut Vec<Column>) {
+    into.clear();
+    into.extend(look.plots.iter().enumerate().map(|(index, plot)| {
+        let line = line(platform, plot.position_m);
+        // The range changes alike whatever the angle is counted from.
+        let gradients = Gradients::new(&line, &Vector3::x());
+        let range_error_m = range_error_m(config, plot, &gradients);
+        Column { index, line, range_m: line.norm(), range_error_m }
+    }));
+    into.sort_by(|a, b| a.range_m.total_cmp(&b.range_m).then(a.index.cmp(&b.index)));
+}
+
+/// What lets a pair pass.
+struct Gate<'a, 'b> {
+    config: &'a PaperConfig,
+    look: &'a Look<'b>,
+    platform: &'a Platform,
+    max_error_m: f64,
+}
+
+impl Gate<'_, '_> {
+    /// The pairs of a track with plots that it could have got to.
+    fn candidates(
+        &self,
+        (row, track): (usize, &Followed),
+        expected: &Expected,
+        columns: &[Column],
+    ) -> impl Iterator<Item = Candidate> {
+        let way_m = self.config.max_speed_m_per_s * expected.dt_s;
+        let most_m = way_m + self.config.gate_sigma_count * self.max_error_m;
+        let nearest_m = expected.sight.range_m - most_m;
+        let first = columns.partition_point(|column| column.range_m < nearest_m);
+        let farthest_m = expected.sight.range_m + most_m;
+        let within = columns[first..].iter().take_while(move |c| c.range_m <= farthest_m);
+        let is_beam_near = self.is_beam_near(&track.seen.platform);
+        within
+            .filter(move |_| is_beam_near)
+            .filter_map(move |column| self.candidate((row, track), expected, column, way_m))
+    }
+
+    fn is_beam_near(&self, before: &Platform) -> bool {
+        let beams = self.platform.beam_index.zip(before.beam_index);
+        beams.is_none_or(|(new, old)| new.abs_diff(old) <= self.config.max_beam_step)
+    }
+
+    fn candidate(
+        &self,
+        (row, track): (usize, &Followed),
+        expected: &Expected,
+        column: &Column,
+        way_m: f64,
+    ) -> Option<Candidate> {
+        let config = self.config;
+        let off_m = (column.range_m - expected.sight.range_m).abs();
+        if way_m + config.gate_sigma_count * column.range_error_m < off_m {
+            return None;
+        }
+        let seen = Sight::new(&column.line, &expected.way.along);
+        if seen.side * expected.sight.side < 0.0 {
+            return None;
+        }
+        let plot = &self.look.plots[column.index];
+        let gradients = Gradients::new(&column.line, &expected.way.along);
+        let before = (&expected.sight, &track.seen.plot);
+        let degrees = degrees(config, before, (&seen, plot), &gradients);
+        let is_near = config.across == AcrossGate::Beams
+            || self.is_angle_near(
+                &seen,
+                expected,
+                (way_m, angle_error_rad(config, plot, &gradients)),
+            );
+        is_near.then_some(Candidate { row, column: column.index, degrees })
+    }
+
+    /// `|θ − θ̂| ≤ v_max T / r + k θ_e`: the gate in range, across.
+    fn is_angle_near(
+        &self,
+        seen: &Sight,
+        expected: &Expected,
+        (way_m, error_rad): (f64, f64),
+    ) -> bool {
+        let off_rad = (seen.cone_rad - expected.sight.cone_rad).abs();
+        let way_rad = way_m / seen.range_m.max(f64::MIN_POSITIVE);
+        off_rad <= way_rad + self.config.gate_sigma_count * error_rad
+    }
+}
