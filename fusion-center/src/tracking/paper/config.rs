@@ -6,6 +6,8 @@ use crate::tracking::InvalidSetting;
 
 /// Longest memory of a track, looks: bits of a word.
 const MAX_WINDOW_COUNT: u32 = 64;
+/// Looks after which a track ends, at most.
+const MAX_END_COUNT: u32 = 1_000_000;
 
 /// One number for each attribute of a plot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,7 +49,8 @@ pub enum AcrossGate {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sharing {
-    /// The oldest goes on, the others end: without memory they would be the same from then on.
+    /// The oldest goes on, the others end with the plot: without memory they would be the same from
+    /// then on.
     #[default]
     OldestGoesOn,
     /// All go on, as in the published experiments.
@@ -175,17 +178,22 @@ impl PerAttribute {
 }
 
 impl PaperConfig {
-    /// As in the experiments of the publication: all targets are there from the first look on and
-    /// are followed to the last, nothing else is tracked.
+    /// For the identities and errors of the published comparison: all targets are there from the
+    /// first look on, one track of each is followed to the last look, and no other begins.
     #[must_use]
-    pub fn published_experiment() -> Self {
+    pub fn published_tracks() -> Self {
+        Self { start: Start::FirstLook, sharing: Sharing::AllGoOn, ..Self::published_links() }
+    }
+
+    /// For the right links of the published comparison: the rows of the association are all plots
+    /// of the look before, each once; what is done with each counts from the first look on.
+    #[must_use]
+    pub fn published_links() -> Self {
         Self {
             across: AcrossGate::Beams,
-            start: Start::FirstLook,
-            sharing: Sharing::AllGoOn,
             confirm_count: 1,
             window_count: 1,
-            end_count: 1_000_000,
+            end_count: MAX_END_COUNT,
             ..Self::default()
         }
     }
@@ -232,7 +240,12 @@ impl PaperConfig {
                 [1, most_confirm],
                 "use 1 to the window",
             ),
-            ("end_count", self.end_count as usize, [1, 1_000_000], "use 1 to 1000000 looks"),
+            (
+                "end_count",
+                self.end_count as usize,
+                [1, MAX_END_COUNT as usize],
+                "use 1 to 1000000 looks",
+            ),
             ("max_track_count", self.max_track_count, [1, 1_000_000], "use 1 to 1000000"),
             ("lag_count", self.lag_count, [1, 1000], "use 1 to 1000 steps"),
         ] {

@@ -22,6 +22,9 @@ mod filter;
 mod followed;
 mod geometry;
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::VecDeque;
 
 use nalgebra::Vector3;
@@ -140,12 +143,9 @@ impl PaperTracker {
             let Some((choice, expected)) = decided.next() else { return true };
             let is_over = match choice {
                 Some(choice) => {
+                    track.take((look, platform), *choice, config);
                     let is_second = std::mem::replace(&mut is_taken[choice.column], true);
-                    let is_over = is_second && config.sharing == Sharing::OldestGoesOn;
-                    if !is_over {
-                        track.take((look, platform), *choice, config);
-                    }
-                    is_over
+                    is_second && config.sharing == Sharing::OldestGoesOn
                 }
                 None if track.is_looked_at(&look.coverage.area, platform, expected) => {
                     track.miss(look, config);

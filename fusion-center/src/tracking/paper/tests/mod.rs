@@ -1,0 +1,8 @@
+//! The published association and its rivals: kernels, the life of tracks, the published experiment.
+
+mod belief;
+mod decide;
+mod geometry;
+mod life;
+mod scene;
+mod study;
