@@ -17,7 +17,7 @@ pub mod smooth;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 use thiserror::Error;
 
-pub use config::InvalidSetting;
+pub use config::{InvalidSetting, TrackerKind, TrackingConfig};
 
 /// What one sensor saw in one dwell or period.
 #[derive(Clone, Debug)]

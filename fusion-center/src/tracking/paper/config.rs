@@ -163,7 +163,7 @@ impl Default for PaperConfig {
             end_count: 3,
             max_track_count: 20_000,
             push_m2_per_s3: 1.0,
-            lag_count: 32,
+            lag_count: 16,
             belief: BeliefConfig::default(),
         }
     }

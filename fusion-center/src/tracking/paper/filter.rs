@@ -39,10 +39,10 @@ pub(super) fn coasted(before: &Belief, dt_s: f64, q: f64) -> Pass {
     Pass { transition, predicted, filtered: predicted }
 }
 
-/// The step with `plot`, and the logarithm of the plot's density before it was seen (per m²); as it
-/// was, if the covariance of the innovation is not positive definite.
-pub(super) fn updated(pass: &Pass, plot: &Plot) -> Option<(Pass, f64)> {
-    let Belief { mean, covariance } = pass.predicted;
+/// What is known with `plot`, and the logarithm of the plot's density before it was seen (per m²);
+/// nothing if the covariance of the innovation is not positive definite.
+pub(super) fn updated(predicted: &Belief, plot: &Plot) -> Option<(Belief, f64)> {
+    let Belief { mean, covariance } = predicted;
     let rows: Matrix2x4<f64> = covariance.fixed_view::<2, 4>(0, 0).into_owned();
     let spread = rows.fixed_view::<2, 2>(0, 0) + plot.covariance_m2;
     let factor = spread.cholesky()?;
@@ -54,5 +54,5 @@ pub(super) fn updated(pass: &Pass, plot: &Plot) -> Option<(Pass, f64)> {
         covariance: 0.5 * (less + less.transpose()),
     };
     let log_density = -0.5 * (off_m.dot(&scaled) + (TAU.powi(2) * spread.determinant()).ln());
-    Some((Pass { filtered, ..*pass }, log_density))
+    Some((filtered, log_density))
 }

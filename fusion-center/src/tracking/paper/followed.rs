@@ -35,7 +35,8 @@ pub(super) struct Expected {
 struct Step {
     time_s: f64,
     status: Status,
-    pass: Pass,
+    /// With what was known then.
+    belief: Belief,
     report: Option<ReportId>,
     share: f64,
 }
@@ -76,7 +77,6 @@ impl Followed {
         config: &PaperConfig,
     ) -> Self {
         let belief = filter::first(plot, config.max_speed_m_per_s);
-        let pass = filter::coasted(&belief, 0.0, 0.0);
         let mut track = Self {
             id,
             seen: Seen { time_s: look.time_s, platform: *platform, plot: plot.clone() },
@@ -89,7 +89,7 @@ impl Followed {
             log_odds: 0.0,
             chain: Vec::new(),
         };
-        track.note(look.time_s, pass, Some(report_of(look, plot)));
+        track.note(look.time_s, belief, Some(report_of(look, plot)));
         track
     }
 
@@ -116,7 +116,8 @@ impl Followed {
     ) {
         let plot = &look.plots[choice.column];
         let pass = self.coasted(look.time_s, config);
-        let (pass, log_density) = filter::updated(&pass, plot).unwrap_or((pass, 0.0));
+        let predicted = pass.predicted;
+        let (belief, log_density) = filter::updated(&predicted, plot).unwrap_or((predicted, 0.0));
         let found = look.coverage.detection_probability.max(MIN_CHANCE);
         self.log_odds +=
             found.ln() + log_density - look.clutter_per_m2.max(MIN_CLUTTER_PER_M2).ln();
@@ -128,7 +129,7 @@ impl Followed {
         self.missed_count = 0;
         let recent = self.window & (u64::MAX >> (64 - config.window_count.clamp(1, 64)));
         self.is_confirmed |= config.confirm_count <= recent.count_ones();
-        self.note(look.time_s, pass, Some(self.last_report));
+        self.note(look.time_s, belief, Some(self.last_report));
     }
 
     /// Was looked at and not seen.
@@ -137,7 +138,7 @@ impl Followed {
         self.missed_count = self.missed_count.saturating_add(1);
         self.log_odds += (1.0 - look.coverage.detection_probability).max(MIN_CHANCE).ln();
         let pass = self.coasted(look.time_s, config);
-        self.note(look.time_s, pass, None);
+        self.note(look.time_s, pass.predicted, None);
     }
 
     /// Whether it is over: unseen for too long, or never to be confirmed.
@@ -156,7 +157,7 @@ impl Followed {
 
     /// Its newest state, and when that was.
     fn newest(&self) -> Option<(f64, Belief)> {
-        self.chain.last().map(|step| (step.time_s, step.pass.filtered))
+        self.chain.last().map(|step| (step.time_s, step.belief))
     }
 
     fn coasted(&self, time_s: f64, config: &PaperConfig) -> Pass {
@@ -166,9 +167,9 @@ impl Followed {
         filter::coasted(&before, time_s - before_s, config.push_m2_per_s3)
     }
 
-    fn note(&mut self, time_s: f64, pass: Pass, report: Option<ReportId>) {
+    fn note(&mut self, time_s: f64, belief: Belief, report: Option<ReportId>) {
         let (status, share) = (self.status(), if report.is_some() { self.last_share } else { 0.0 });
-        self.chain.push(Step { time_s, status, pass, report, share });
+        self.chain.push(Step { time_s, status, belief, report, share });
     }
 
     /// What is said of it now.
@@ -188,39 +189,50 @@ impl Followed {
         })
     }
 
-    /// Settles the older half of the chain once it is twice as long as `lag_count`: half as long a
-    /// future is known of each of its steps then.
-    pub(super) fn settle_old(&mut self, lag_count: usize, into: &mut impl Extend<Settled>) {
-        if 2 * lag_count <= self.chain.len() {
-            self.settle(lag_count, into);
+    /// Settles the older half of the chain once it is twice as long as asked for, so that as much is
+    /// known of the future of each of its steps.
+    pub(super) fn settle_old(&mut self, config: &PaperConfig, into: &mut impl Extend<Settled>) {
+        if 2 * config.lag_count <= self.chain.len() {
+            self.settle(config.lag_count, config, into);
         }
     }
 
     /// Settles all of it.
-    pub(super) fn settle_all(&mut self, into: &mut impl Extend<Settled>) {
-        self.settle(self.chain.len(), into);
+    pub(super) fn settle_all(&mut self, config: &PaperConfig, into: &mut impl Extend<Settled>) {
+        self.settle(self.chain.len(), config, into);
     }
 
-    fn settle(&mut self, count: usize, into: &mut impl Extend<Settled>) {
-        let passes: Vec<Pass> = self.chain.iter().map(|step| step.pass).collect();
+    fn settle(&mut self, count: usize, config: &PaperConfig, into: &mut impl Extend<Settled>) {
+        let passes = self.passes(config.push_m2_per_s3);
         let mut smoothed = Vec::new();
         if smooth(&passes, &mut smoothed).is_err() {
-            // Rounding has spoiled a covariance: the filtered states stand.
+            // Rounding has spoiled a covariance: what was known then stands.
             smoothed.clear();
-            smoothed.extend(passes.iter().map(|pass| pass.filtered));
+            smoothed.extend(self.chain.iter().map(|step| step.belief));
         }
         let track = self.id;
         into.extend(self.chain.drain(..count).zip(smoothed).map(|(step, later)| Settled {
             track,
             status: step.status,
             time_s: step.time_s,
-            state: step.pass.filtered.mean,
-            covariance: step.pass.filtered.covariance,
+            state: step.belief.mean,
+            covariance: step.belief.covariance,
             smoothed_state: later.mean,
             smoothed_covariance: later.covariance,
             report: step.report,
             share: step.share,
         }));
+    }
+
+    /// The filter's way through the chain, made again: a chain of beliefs is less than half as long.
+    fn passes(&self, push_m2_per_s3: f64) -> Vec<Pass> {
+        let befores = self.chain.first().into_iter().chain(&self.chain);
+        let pass = |(before, step): (&Step, &Step)| {
+            let coasted =
+                filter::coasted(&before.belief, step.time_s - before.time_s, push_m2_per_s3);
+            Pass { filtered: step.belief, ..coasted }
+        };
+        befores.zip(&self.chain).map(pass).collect()
     }
 }
 

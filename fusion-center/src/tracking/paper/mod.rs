@@ -154,9 +154,9 @@ impl PaperTracker {
                 None => false,
             };
             if is_over {
-                track.settle_all(settled);
+                track.settle_all(config, settled);
             } else {
-                track.settle_old(config.lag_count, settled);
+                track.settle_old(config, settled);
             }
             !is_over
         });
@@ -199,7 +199,9 @@ impl Tracker for PaperTracker {
     }
 
     fn finish(&mut self) {
-        self.followed.iter_mut().for_each(|track| track.settle_all(&mut self.settled));
+        for track in &mut self.followed {
+            track.settle_all(&self.config, &mut self.settled);
+        }
         self.followed.clear();
     }
 }

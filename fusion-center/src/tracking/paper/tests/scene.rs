@@ -18,8 +18,6 @@ const SPEED_M_PER_S: f64 = 12.5;
 /// prototypes, with seeds 0 to 499.
 const CENTER_M: f64 = 18_850.0;
 /// To either side of the common course.
-/// Where the ways cross: 325 m behind the middle of the pair, so that all four come near each other.
-/// Of the distances tried (175, 200, 325, 675 m) the one that meets the figures of the prototypes.
 const CROSSING_RAD: f64 = 0.2;
 const STRENGTHS_DB: [f64; 4] = [14.0, 17.0, 20.0, 23.0];
 const RADIAL_SIGMA_M_PER_S: f64 = 1.0;
