@@ -1,5 +1,7 @@
 //! Whether a look makes sense, and what lies in the area that it covers.
 
+use std::ops::RangeBounds;
+
 use nalgebra::Vector2;
 
 use super::{Area, Coverage, Look, LookError, Plot};
@@ -34,8 +36,7 @@ impl Look<'_> {
     /// [`LookError::TooLate`] says what was heard before.
     pub fn check(&self, newest_s: Option<f64>) -> Result<(), LookError> {
         self.finite("time", self.time_s)?;
-        self.require(0.0 <= self.clutter_per_m2, "clutter density", self.clutter_per_m2)?;
-        self.finite("clutter density", self.clutter_per_m2)?;
+        self.within("clutter density", self.clutter_per_m2, 0.0..)?;
         if let Some(platform) = &self.platform {
             platform.position_m.iter().try_for_each(|v| self.finite("platform position", *v))?;
             platform.velocity_m_per_s.iter().try_for_each(|v| self.finite("its velocity", *v))?;
@@ -52,11 +53,9 @@ impl Look<'_> {
     }
 
     fn check_coverage(&self, coverage: &Coverage) -> Result<(), LookError> {
-        let chance = coverage.detection_probability;
-        self.require((0.0..=1.0).contains(&chance), "detection probability", chance)?;
-        if let Some(least) = coverage.minimum_detectable_m_per_s {
-            self.require(0.0 <= least, "minimum detectable velocity", least)?;
-        }
+        self.within("detection probability", coverage.detection_probability, 0.0..=1.0)?;
+        let least_m_per_s = coverage.minimum_detectable_m_per_s.unwrap_or(0.0);
+        self.within("minimum detectable velocity", least_m_per_s, 0.0..)?;
         let Area::Sector { origin_m, direction_rad, half_width_rad, min_range_m, max_range_m } =
             coverage.area
         else {
@@ -64,39 +63,44 @@ impl Look<'_> {
         };
         origin_m.iter().try_for_each(|value| self.finite("origin of the sector", *value))?;
         self.finite("direction of the sector", direction_rad)?;
-        self.require(0.0 <= half_width_rad, "half width of the sector", half_width_rad)?;
-        self.require(0.0 <= min_range_m, "nearest range of the sector", min_range_m)?;
-        self.require(min_range_m <= max_range_m, "farthest range of the sector", max_range_m)
+        self.within("half width of the sector", half_width_rad, 0.0..)?;
+        self.within("nearest range of the sector", min_range_m, 0.0..)?;
+        self.within("farthest range of the sector", max_range_m, min_range_m..)
     }
 
     fn check_plot(&self, plot: &Plot) -> Result<(), LookError> {
         plot.position_m.iter().try_for_each(|value| self.finite("place of a plot", *value))?;
         let covariance = &plot.covariance_m2;
         covariance.iter().try_for_each(|value| self.finite("covariance of a plot", *value))?;
-        let variances = covariance[(0, 0)] * covariance[(1, 1)];
-        let is_spread = 0.0 < covariance[(0, 0)] && 0.0 < covariance[(1, 1)];
-        let determinant = covariance.determinant();
-        let is_usable = is_spread && MIN_DETERMINANT_SHARE * variances < determinant;
-        self.require(is_usable, "determinant of a plot's covariance", determinant)?;
+        let (x_m2, y_m2) = (covariance[(0, 0)], covariance[(1, 1)]);
+        self.within("variance of a plot", x_m2, f64::MIN_POSITIVE..)?;
+        self.within("variance of a plot", y_m2, f64::MIN_POSITIVE..)?;
+        let least_m4 = MIN_DETERMINANT_SHARE * x_m2 * y_m2;
+        let determinant_m4 = covariance.determinant();
+        self.within("determinant of a plot's covariance", determinant_m4, least_m4..)?;
         if let Some(radial) = &plot.radial {
+            let wrap_m_per_s = radial.wrap_m_per_s.unwrap_or(f64::MAX);
             self.finite("radial velocity", radial.velocity_m_per_s)?;
-            self.finite("error of a radial velocity", radial.sigma_m_per_s)?;
-            let sigma = radial.sigma_m_per_s;
-            self.require(0.0 < sigma, "error of a radial velocity", sigma)?;
+            self.within("error of a radial velocity", radial.sigma_m_per_s, f64::MIN_POSITIVE..)?;
+            self.within("wrap of a radial velocity", wrap_m_per_s, f64::MIN_POSITIVE..)?;
             radial.direction.iter().try_for_each(|v| self.finite("direction of a plot", *v))?;
-            let wrap = radial.wrap_m_per_s.unwrap_or(1.0);
-            self.finite("wrap of a radial velocity", wrap)?;
-            self.require(0.0 < wrap, "wrap of a radial velocity", wrap)?;
         }
         plot.strength_db.map_or(Ok(()), |value| self.finite("strength of a plot", value))
     }
 
     fn finite(&self, what: &'static str, value: f64) -> Result<(), LookError> {
-        self.require(value.is_finite(), what, value)
+        self.within(what, value, ..)
     }
 
-    fn require(&self, is_so: bool, what: &'static str, value: f64) -> Result<(), LookError> {
-        if is_so { Ok(()) } else { Err(self.unusable(what, value)) }
+    /// Refuses what is not allowed, or not finite.
+    fn within(
+        &self,
+        what: &'static str,
+        value: f64,
+        allowed: impl RangeBounds<f64>,
+    ) -> Result<(), LookError> {
+        let is_good = value.is_finite() && allowed.contains(&value);
+        is_good.then_some(()).ok_or_else(|| self.unusable(what, value))
     }
 
     /// The error that refuses this look.

@@ -6,7 +6,7 @@ use super::*;
 
 /// One look per second, reports numbered by hand.
 fn step(track: u64, look_index: u64, report_index: Option<u32>) -> Settled {
-    let report = |report_index| ReportId { sensor_index: 0, look_index, report_index };
+    let report = |index| ReportId { sensor_index: 0, look_index, report_index: index };
     Settled {
         track,
         status: Status::Confirmed,

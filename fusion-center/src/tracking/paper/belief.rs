@@ -41,12 +41,12 @@ pub(super) struct Workspace {
 /// Combines what the attributes say of one pair.
 pub(super) fn pair(degrees: &Degrees, trust: &PerAttribute) -> Masses {
     let mut sums = [1.0; 3];
-    for (degree, trust) in degrees.iter().zip(trust.array()) {
+    for (degree, alpha) in degrees.iter().zip(trust.array()) {
         let Some(degree) = degree else { continue };
         let likeness = (-0.5 * degree * degree).exp();
-        let either = 1.0 - trust;
-        sums[0] *= trust * likeness + either;
-        sums[1] *= trust * (1.0 - likeness) + either;
+        let either = 1.0 - alpha;
+        sums[0] *= alpha * likeness + either;
+        sums[1] *= alpha * (1.0 - likeness) + either;
         sums[2] *= either;
     }
     let [matching, no, either] = sums;

@@ -97,22 +97,21 @@ impl Decider {
     /// Negative logarithms of pignistic probabilities as costs, against that of none where it is
     /// asked for.
     fn believe(&mut self, config: &PaperConfig, candidates: &[Candidate]) {
-        let decision = config.belief.decision;
-        for row in candidates.chunk_by(|a, b| a.row == b.row) {
+        for of_row in candidates.chunk_by(|a, b| a.row == b.row) {
+            let trust = &config.belief.trust;
             self.masses.clear();
-            let masses = row.iter().map(|pair| belief::pair(&pair.degrees, &config.belief.trust));
-            self.masses.extend(masses);
+            self.masses.extend(of_row.iter().map(|pair| belief::pair(&pair.degrees, trust)));
             let none = belief::pignistic(&self.masses, &mut self.space, &mut self.probabilities);
-            let base = match decision {
+            let base = match config.belief.decision {
                 BeliefDecision::RowOrNone | BeliefDecision::ExclusiveOrNone => none.ln(),
                 BeliefDecision::Row | BeliefDecision::Exclusive => -PAIR_NATS,
             };
-            for (Candidate { row, column, .. }, share) in row.iter().zip(&self.probabilities) {
-                let cost = base - share.max(f64::MIN_POSITIVE).ln();
-                if cost < 0.0 {
-                    self.costs.push(Edge { row: *row, column: *column, cost });
-                    self.shares.push(*share);
-                }
+            let cost = |share: f64| base - share.max(f64::MIN_POSITIVE).ln();
+            let pairs = of_row.iter().zip(&self.probabilities);
+            for (pair, share) in pairs.filter(|(_, share)| cost(**share) < 0.0) {
+                let (row, column) = (pair.row, pair.column);
+                self.costs.push(Edge { row, column, cost: cost(*share) });
+                self.shares.push(*share);
             }
         }
     }

@@ -113,8 +113,8 @@ impl PaperTracker {
     fn associate(&mut self, look: &Look<'_>, platform: &Platform) -> Result<(), LookError> {
         let scratch = &mut self.scratch;
         scratch.expected.clear();
-        let expected = |track: &Followed| track.seen.expected(look.time_s, platform);
-        scratch.expected.extend(self.followed.iter().map(expected));
+        let expect = |track: &Followed| track.seen.expected(look.time_s, platform);
+        scratch.expected.extend(self.followed.iter().map(expect));
         columns(look, platform, &self.config, &mut scratch.columns);
         scratch.candidates.clear();
         let max_error_m =
@@ -135,10 +135,10 @@ impl PaperTracker {
     /// Gives the tracks their plots, oldest first, and ends those that are over.
     fn follow(&mut self, look: &Look<'_>, platform: &Platform) {
         let Self { config, scratch, settled, .. } = self;
-        let Scratch { expected, choices, is_taken, .. } = scratch;
+        let Scratch { choices, is_taken, .. } = scratch;
         is_taken.clear();
         is_taken.resize(look.plots.len(), false);
-        let mut decided = choices.iter().zip(expected.iter());
+        let mut decided = choices.iter().zip(&scratch.expected);
         self.followed.retain_mut(|track| {
             let Some((choice, expected)) = decided.next() else { return true };
             let is_over = match choice {

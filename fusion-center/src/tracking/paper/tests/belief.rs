@@ -31,7 +31,7 @@ fn dempster(one: &Mass, other: &Mass) -> Mass {
 /// Each mass shared alike among the members of its set.
 fn shared(mass: &Mass, element: u32) -> f64 {
     let holding = mass.iter().filter(|(set, _)| *set & (1 << element) != 0);
-    holding.map(|(set, mass)| mass / f64::from(set.count_ones())).sum()
+    holding.map(|(set, of_set)| of_set / f64::from(set.count_ones())).sum()
 }
 
 fn some_degrees(rng: &mut ChaCha8Rng) -> Degrees {
@@ -80,8 +80,8 @@ fn candidates_combine_by_dempsters_rule() {
             whole = dempster(&whole, &of_candidate);
         }
         let none = pignistic(&row, &mut space, &mut into);
-        let want = shared(&whole, count);
-        assert!((none - want).abs() < SAME, "none of {count}: {none} {want}");
+        let none_wanted = shared(&whole, count);
+        assert!((none - none_wanted).abs() < SAME, "none of {count}: {none} {none_wanted}");
         assert_eq!(into.len(), row.len());
         for (got, element) in into.iter().zip(0..) {
             let want = shared(&whole, element);

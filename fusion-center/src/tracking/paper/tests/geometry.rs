@@ -19,9 +19,9 @@ struct Scene {
 }
 
 /// A sensor at some height that flies anywhere, level or climbing, and a target anywhere.
-fn scene(rng: &mut ChaCha8Rng, is_level: bool) -> Scene {
+fn scene(rng: &mut ChaCha8Rng, max_climb_m_per_s: f64) -> Scene {
     let mut some = |half: f64| rng.random_range(-half..half);
-    let climb_m_per_s = if is_level { 0.0 } else { some(30.0) };
+    let climb_m_per_s = max_climb_m_per_s * some(1.0);
     let from = Platform {
         position_m: Vector3::new(some(2e4), some(2e4), 5000.0 + some(3000.0)),
         velocity_m_per_s: Vector3::new(some(100.0), some(100.0), climb_m_per_s),
@@ -38,7 +38,7 @@ fn later(from: &Platform, dt_s: f64) -> Platform {
 fn the_law_of_cosines_is_the_triangle_of_sensor_sensor_and_target() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for _ in 0..TRIAL_COUNT {
-        let Scene { from, place_m } = scene(&mut rng, false);
+        let Scene { from, place_m } = scene(&mut rng, 30.0);
         let dt_s = rng.random_range(0.1..30.0);
         let radial_m_per_s = rng.random_range(-30.0..30.0);
         let to = later(&from, dt_s);
@@ -80,7 +80,7 @@ fn the_formulas_are_those_of_the_paper() {
 fn a_place_is_found_again_from_range_angle_and_side() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for trial in 0..TRIAL_COUNT {
-        let Scene { from, place_m } = scene(&mut rng, trial % 2 == 0);
+        let Scene { from, place_m } = scene(&mut rng, [0.0, 30.0][trial % 2]);
         let along = from.velocity_m_per_s.normalize();
         let sight = Sight::new(&line(&from, place_m), &along);
         let found_m = sight.place_m(&from.position_m, &along).unwrap();
@@ -109,9 +109,9 @@ fn gradients_are_differences_of_neighbours() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let step_m = 1.0;
     for _ in 0..TRIAL_COUNT {
-        let Scene { from, place_m } = scene(&mut rng, false);
+        let Scene { from, place_m } = scene(&mut rng, 30.0);
         let along = from.velocity_m_per_s.normalize();
-        let sight = |place_m| Sight::new(&line(&from, place_m), &along);
+        let sight = |at_m| Sight::new(&line(&from, at_m), &along);
         if sight(place_m).cone_rad.sin() < 0.2 {
             continue;
         }

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
+use super::scene::{Lie, look as look_at, scans};
 use crate::tracking::paper::{AcrossGate, Mode, PaperConfig, PaperTracker, Sharing, Start};
 use crate::tracking::{
     Area, Coverage, Look, LookError, Platform, Plot, Radial, Settled, Status, Track, Tracker,
@@ -90,8 +91,8 @@ fn a_track_is_confirmed_by_m_of_n_and_ends_unseen() {
         tracker.take_settled(&mut settled);
         assert_eq!(settled.len(), 10);
         let reports: Vec<bool> = settled.iter().map(|step| step.report.is_some()).collect();
-        let want = [true, false, true, true, false, false, true, false, false, false];
-        assert_eq!(reports, want);
+        let was_seen = [true, false, true, true, false, false, true, false, false, false];
+        assert_eq!(reports, was_seen);
         assert!(
             settled
                 .iter()
@@ -187,10 +188,9 @@ fn gates_keep_what_is_too_far_apart() {
     let start = plot(0, 0.0, 15_000.0);
     let next = |x_m: f64, y_m: f64, config: &PaperConfig, beams: Option<[u32; 2]>| {
         let mut tracker = tracker(config);
-        for (index, plot) in [start.clone(), plot(1, x_m, y_m)].iter().zip(0..).map(|(p, i)| (i, p))
-        {
+        let [first, second] = beams.map_or([None; 2], |beams| beams.map(Some));
+        for (index, plot, beam_index) in [(0, &start, first), (1, &plot(1, x_m, y_m), second)] {
             let mut look = look(index, std::slice::from_ref(plot));
-            let beam_index = beams.map(|beams| beams[index as usize]);
             look.platform = Some(Platform { beam_index, ..sensor(index) });
             tracker.look(&look).unwrap();
         }
@@ -250,14 +250,13 @@ fn the_order_of_plots_does_not_matter() {
     for mode in MODES {
         let mut trackers =
             [(); 2].map(|()| PaperTracker::new(mode, &PaperConfig::default()).unwrap());
-        for (index, (time_s, mut plots)) in super::scene::scans(400.0, 5).into_iter().enumerate() {
-            let index = index as u64;
-            trackers[0].look(&super::scene::look(index, time_s, &plots)).unwrap();
+        for (index, (time_s, mut plots)) in (0..).zip(scans(Lie::Along, 400.0, 5)) {
+            trackers[0].look(&look_at(index, time_s, &plots)).unwrap();
             // Tracks begin in the order of plots: the first look stays as it is.
             if 0 < index {
-                plots.rotate_left(index as usize % 4);
+                plots.rotate_left(1);
             }
-            trackers[1].look(&super::scene::look(index, time_s, &plots)).unwrap();
+            trackers[1].look(&look_at(index, time_s, &plots)).unwrap();
         }
         let [one, other] = trackers.map(finished);
         let chain = |steps: &[Settled], id: u64| -> Vec<_> {
@@ -273,10 +272,10 @@ fn the_order_of_plots_does_not_matter() {
 fn a_long_track_is_settled_piece_by_piece_and_once() {
     let mut tracker = tracker(&PaperConfig { lag_count: 5, ..PaperConfig::default() });
     let mut settled = Vec::new();
-    for index in 0..1000 {
+    for (index, count) in (0..1000).zip(1..) {
         tracker.look(&look(index, &[plot(0, 0.0, 15_000.0)])).unwrap();
         tracker.take_settled(&mut settled);
-        let open = index as usize + 1 - settled.len();
+        let open: usize = count - settled.len();
         assert!(open < 10, "{open} steps wait");
     }
     tracker.finish();
@@ -330,16 +329,16 @@ fn settings_that_make_no_sense_are_named() {
     let config = PaperConfig { window_count: 65, ..PaperConfig::default() };
     let complaint = PaperTracker::new(Mode::Paper, &config).map(|_| ()).unwrap_err();
     assert_eq!(complaint.to_string(), "window_count is 65: use 1 to 64 looks");
-    let config = PaperConfig { confirm_count: 6, ..PaperConfig::default() };
-    assert_eq!(config.check().unwrap_err().field, "confirm_count");
-    let mut config = PaperConfig::default();
-    config.belief.trust.angle = 1.0;
-    assert_eq!(config.check().unwrap_err().field, "belief.trust.angle");
-    config.belief.trust.angle = f64::NAN;
-    assert!(config.check().is_err());
-    for config in
+    let strict = PaperConfig { confirm_count: 6, ..PaperConfig::default() };
+    assert_eq!(strict.check().unwrap_err().field, "confirm_count");
+    let mut sure = PaperConfig::default();
+    sure.belief.trust.angle = 1.0;
+    assert_eq!(sure.check().unwrap_err().field, "belief.trust.angle");
+    sure.belief.trust.angle = f64::NAN;
+    assert!(sure.check().is_err());
+    for shipped in
         [PaperConfig::default(), PaperConfig::published_tracks(), PaperConfig::published_links()]
     {
-        assert_eq!(config.check(), Ok(()));
+        assert_eq!(shipped.check(), Ok(()));
     }
 }
