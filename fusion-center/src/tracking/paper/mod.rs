@@ -20,6 +20,7 @@ mod decide;
 mod degree;
 mod filter;
 mod followed;
+mod gate;
 mod geometry;
 
 #[cfg(test)]
@@ -27,7 +28,6 @@ mod tests;
 
 use std::collections::VecDeque;
 
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 pub use config::{
@@ -36,9 +36,8 @@ pub use config::{
 
 use super::{InvalidSetting, Look, LookError, Platform, Settled, Track, Tracker};
 use decide::{Candidate, Choice, Decider};
-use degree::{angle_error_rad, degrees, range_error_m};
 use followed::{Expected, Followed};
-use geometry::{Gradients, Sight, line};
+use gate::{Columns, Gate};
 
 /// Settled steps kept for whoever takes them, between two looks.
 const MAX_SETTLED_COUNT: usize = 1 << 17;
@@ -71,23 +70,12 @@ pub struct PaperTracker {
 /// Memory for one look.
 #[derive(Clone, Debug, Default)]
 struct Scratch {
-    /// Ascending in range.
-    columns: Vec<Column>,
+    columns: Columns,
     expected: Vec<Expected>,
     candidates: Vec<Candidate>,
     choices: Vec<Option<Choice>>,
     is_taken: Vec<bool>,
     decider: Decider,
-}
-
-/// A plot as the sensor sees it.
-#[derive(Clone, Copy, Debug)]
-struct Column {
-    index: usize,
-    line: Vector3<f64>,
-    range_m: f64,
-    /// `r_e`
-    range_error_m: f64,
 }
 
 impl PaperTracker {
@@ -115,14 +103,16 @@ impl PaperTracker {
         scratch.expected.clear();
         let expect = |track: &Followed| track.seen.expected(look.time_s, platform);
         scratch.expected.extend(self.followed.iter().map(expect));
-        columns(look, platform, &self.config, &mut scratch.columns);
+        let gate = Gate { config: &self.config, look, platform };
+        gate.columns(&mut scratch.columns);
         scratch.candidates.clear();
-        let max_error_m =
-            scratch.columns.iter().fold(0.0, |most: f64, c| most.max(c.range_error_m));
         for (row, (track, expected)) in self.followed.iter().zip(&scratch.expected).enumerate() {
-            let gate = Gate { config: &self.config, look, platform, max_error_m };
-            let found = gate.candidates((row, track), expected, &scratch.columns);
-            scratch.candidates.extend(found);
+            gate.candidates(
+                (row, &track.seen),
+                expected,
+                &scratch.columns,
+                &mut scratch.candidates,
+            );
         }
         let counts = (self.followed.len(), look.plots.len());
         let choices = &mut scratch.choices;
@@ -203,93 +193,5 @@ impl Tracker for PaperTracker {
             track.settle_all(&self.config, &mut self.settled);
         }
         self.followed.clear();
-    }
-}
-
-/// The plots of a look in ascending order of range.
-fn columns(look: &Look<'_>, platform: &Platform, config: &PaperConfig, into: &mut Vec<Column>) {
-    into.clear();
-    into.extend(look.plots.iter().enumerate().map(|(index, plot)| {
-        let line = line(platform, plot.position_m);
-        // The range changes alike whatever the angle is counted from.
-        let gradients = Gradients::new(&line, &Vector3::x());
-        let range_error_m = range_error_m(config, plot, &gradients);
-        Column { index, line, range_m: line.norm(), range_error_m }
-    }));
-    into.sort_by(|a, b| a.range_m.total_cmp(&b.range_m).then(a.index.cmp(&b.index)));
-}
-
-/// What lets a pair pass.
-struct Gate<'a, 'b> {
-    config: &'a PaperConfig,
-    look: &'a Look<'b>,
-    platform: &'a Platform,
-    max_error_m: f64,
-}
-
-impl Gate<'_, '_> {
-    /// The pairs of a track with plots that it could have got to.
-    fn candidates(
-        &self,
-        (row, track): (usize, &Followed),
-        expected: &Expected,
-        columns: &[Column],
-    ) -> impl Iterator<Item = Candidate> {
-        let way_m = self.config.max_speed_m_per_s * expected.dt_s;
-        let most_m = way_m + self.config.gate_sigma_count * self.max_error_m;
-        let nearest_m = expected.sight.range_m - most_m;
-        let first = columns.partition_point(|column| column.range_m < nearest_m);
-        let farthest_m = expected.sight.range_m + most_m;
-        let within = columns[first..].iter().take_while(move |c| c.range_m <= farthest_m);
-        let is_beam_near = self.is_beam_near(&track.seen.platform);
-        within
-            .filter(move |_| is_beam_near)
-            .filter_map(move |column| self.candidate((row, track), expected, column, way_m))
-    }
-
-    fn is_beam_near(&self, before: &Platform) -> bool {
-        let beams = self.platform.beam_index.zip(before.beam_index);
-        beams.is_none_or(|(new, old)| new.abs_diff(old) <= self.config.max_beam_step)
-    }
-
-    fn candidate(
-        &self,
-        (row, track): (usize, &Followed),
-        expected: &Expected,
-        column: &Column,
-        way_m: f64,
-    ) -> Option<Candidate> {
-        let config = self.config;
-        let off_m = (column.range_m - expected.sight.range_m).abs();
-        if way_m + config.gate_sigma_count * column.range_error_m < off_m {
-            return None;
-        }
-        let seen = Sight::new(&column.line, &expected.way.along);
-        if seen.side * expected.sight.side < 0.0 {
-            return None;
-        }
-        let plot = &self.look.plots[column.index];
-        let gradients = Gradients::new(&column.line, &expected.way.along);
-        let before = (&expected.sight, &track.seen.plot);
-        let degrees = degrees(config, before, (&seen, plot), &gradients);
-        let is_near = config.across == AcrossGate::Beams
-            || self.is_angle_near(
-                &seen,
-                expected,
-                (way_m, angle_error_rad(config, plot, &gradients)),
-            );
-        is_near.then_some(Candidate { row, column: column.index, degrees })
-    }
-
-    /// `|θ − θ̂| ≤ v_max T / r + k θ_e`: the gate in range, across.
-    fn is_angle_near(
-        &self,
-        seen: &Sight,
-        expected: &Expected,
-        (way_m, error_rad): (f64, f64),
-    ) -> bool {
-        let off_rad = (seen.cone_rad - expected.sight.cone_rad).abs();
-        let way_rad = way_m / seen.range_m.max(f64::MIN_POSITIVE);
-        off_rad <= way_rad + self.config.gate_sigma_count * error_rad
     }
 }
