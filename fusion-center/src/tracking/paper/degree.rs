@@ -1,8 +1,10 @@
 //! How far a plot is from what a track leads one to expect, attribute by attribute.
 //!
+//! The association degrees of \[wide-area, eqs. (5), (7)-(9)\]:
+//!
 //! ```text
 //! d_r = |r − r̂| / r_e   d_θ = |θ − θ̂| / θ_e   d_v = |v − v_prev| / v_e   d_s = |s − s_prev| / s_e
-//! D = w_r d_r + w_θ d_θ + w_v d_v + w_s d_s,   Σ w = 1          \[wide-area, eqs. (5), (7)-(9)\]
+//! D = w_r d_r + w_θ d_θ + w_v d_v + w_s d_s,   Σ w = 1
 //! ```
 //!
 //! Errors that are not set are those of the new plot: `r_e² = gᵀ C g` with its covariance `C` and the

@@ -1,14 +1,14 @@
 //! Slant range and cone angle of targets as a flying sensor sees them, and where they will be.
 //!
 //! The sensor is at `a` over the plane of the targets, the unit vector `e` points along its flight,
-//! the target is at `p` on the plane. With `l = p − a`:
+//! the target is at `p` on the plane. With `l = p − a`, \[wide-area, eqs. (1)-(4), (6)\]:
 //!
 //! ```text
-//! r = |l|,  θ = ∠(e, l)                                  slant range, cone angle
-//! x_P = r cos θ,  y_P = ± sqrt(r² sin²θ − H²)             \[wide-area, eqs. (1), (2)\]
-//! E = E_a + x_P cos α − y_P sin α,  N = N_a + x_P sin α + y_P cos α            eq. (3)
-//! r' = r + v_r T,  r̂ = sqrt(r'² + b² − 2 r' b cos θ)      eq. (4), law of cosines, b = v_a T
-//! θ̂ = arccos((r' cos θ − b) / r̂)                          eq. (6)
+//!         r = |l|,  θ = ∠(e, l)                               slant range, cone angle
+//! (1),(2) x_P = r cos θ,  y_P = ± sqrt(r² sin²θ − H²)
+//! (3)     E = E_a + x_P cos α − y_P sin α,  N = N_a + x_P sin α + y_P cos α
+//! (4)     r' = r + v_r T,  r̂ = sqrt(r'² + b² − 2 r' b cos θ)  law of cosines, b = v_a T
+//! (6)     θ̂ = arccos((r' cos θ − b) / r̂)
 //! ```
 //!
 //! `H` is the sensor's height over the plane, `α` the angle from east to `e`, `T` the time between
