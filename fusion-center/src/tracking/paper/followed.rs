@@ -5,7 +5,7 @@ use super::decide::Choice;
 use super::filter;
 use super::geometry::{Sight, Way, line};
 use crate::tracking::smooth::{Belief, Pass, smooth};
-use crate::tracking::{Area, Look, Platform, Plot, ReportId, Settled, Status, Track};
+use crate::tracking::{Area, Coverage, Look, Platform, Plot, ReportId, Settled, Status, Track};
 
 /// Density of clutter below which a plot's odds do not rise further, per square metre.
 const MIN_CLUTTER_PER_M2: f64 = 1e-12;
@@ -93,18 +93,19 @@ impl Followed {
         track
     }
 
-    /// Whether a sensor that covers `area` looked at where the track is expected.
+    /// Whether a look of this coverage could have seen the track where it is expected.
     pub(super) fn is_looked_at(
         &self,
-        area: &Area,
+        coverage: &Coverage,
         platform: &Platform,
         expected: &Expected,
     ) -> bool {
         let place = || expected.sight.place_m(&platform.position_m, &expected.way.along);
-        match area {
+        let is_covered = match coverage.area {
             Area::Everywhere => true,
-            Area::Sector { .. } => place().is_some_and(|place_m| area.contains(place_m)),
-        }
+            Area::Sector { .. } => place().is_some_and(|place_m| coverage.area.contains(place_m)),
+        };
+        is_covered && 0.0 < coverage.detection_probability
     }
 
     /// Takes a plot.

@@ -137,7 +137,7 @@ impl PaperTracker {
                     let is_second = std::mem::replace(&mut is_taken[choice.column], true);
                     is_second && config.sharing == Sharing::OldestGoesOn
                 }
-                None if track.is_looked_at(&look.coverage.area, platform, expected) => {
+                None if track.is_looked_at(&look.coverage, platform, expected) => {
                     track.miss(look, config);
                     track.has_ended(config)
                 }

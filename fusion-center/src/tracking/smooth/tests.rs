@@ -118,8 +118,8 @@ fn every_step_is_as_if_all_were_solved_at_once() {
             assert!(off < SAME, "seed {seed} step {step}: mean off by {off}");
             let block = covariance.view((4 * step, 4 * step), (4, 4)).into_owned();
             let got = DMatrix::from_column_slice(4, 4, belief.covariance.as_slice());
-            let off = (got - block).amax();
-            assert!(off < SAME, "seed {seed} step {step}: covariance off by {off}");
+            let spread_off = (got - block).amax();
+            assert!(spread_off < SAME, "seed {seed} step {step}: covariance off by {spread_off}");
         }
     }
 }

@@ -133,6 +133,9 @@ fn a_track_outside_of_what_was_looked_at_is_not_missed() {
         look.coverage.area = aside;
         tracker.look(&look).unwrap();
     }
+    let mut blind = look(19, &[]);
+    blind.coverage.detection_probability = 0.0;
+    tracker.look(&blind).unwrap();
     assert_eq!(only(&tracker).status, Status::Tentative);
     assert!((only(&tracker).time_s - 0.0).abs() < 1e-12, "nothing was heard of it since");
     // Towards the place where it is expected: standing, seen from where the sensor is now.
