@@ -345,3 +345,19 @@ fn settings_that_make_no_sense_are_named() {
         assert_eq!(shipped.check(), Ok(()));
     }
 }
+
+#[test]
+fn odds_rise_with_plots_and_fall_with_misses() {
+    let mut tracker = tracker(&PaperConfig::default());
+    let seen = [plot(0, 0.0, 15_000.0)];
+    tracker.look(&look(0, &seen)).unwrap();
+    assert!(only(&tracker).log_odds.abs() < 1e-12);
+    tracker.look(&look(1, &seen)).unwrap();
+    // Variances of the innovation: 2 · 100 m² of both plots, (4 s · 40 m/s)² of the velocity and
+    // 1 m²/s³ · (4 s)³ / 3 of the push; the plot is where it is expected.
+    let variance_m2 = 200.0 + 160.0_f64.powi(2) + 64.0 / 3.0;
+    let risen = 0.9_f64.ln() - (std::f64::consts::TAU * variance_m2).ln() - 1e-8_f64.ln();
+    assert!((only(&tracker).log_odds - risen).abs() < 1e-9);
+    tracker.look(&look(2, &[])).unwrap();
+    assert!((only(&tracker).log_odds - risen - 0.1_f64.ln()).abs() < 1e-9);
+}

@@ -2,6 +2,7 @@
 
 mod belief;
 mod decide;
+mod filter;
 mod gate;
 mod geometry;
 mod life;
