@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::Tracker;
+use super::default::{ConfigError, DefaultConfig, DefaultTracker};
 use super::paper::{Mode, PaperConfig, PaperTracker};
 
 /// A setting of a tracker that makes no sense.
@@ -45,11 +46,13 @@ pub enum TrackerKind {
 }
 
 /// How targets are followed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrackingConfig {
     /// Which tracker.
     pub kind: TrackerKind,
+    /// Settings of the default tracker: those for wide areas by default.
+    pub default: DefaultConfig,
     /// Settings of the published association and of both its rivals, which share them so that they
     /// can be compared.
     pub paper: PaperConfig,
@@ -61,6 +64,7 @@ impl TrackingConfig {
     /// # Errors
     /// Names the first field that makes no sense, from `tracking` on, and what would do.
     pub fn check(&self) -> Result<(), InvalidSetting> {
+        self.default.check().map_err(of_default)?;
         self.paper.check().map_err(|error| error.within("tracking.paper"))
     }
 
@@ -72,8 +76,8 @@ impl TrackingConfig {
         self.check()?;
         let mode = match self.kind {
             TrackerKind::Default => {
-                let remedy = "use \"paper\", \"nn\" or \"belief\"";
-                return Err(InvalidSetting::new("tracking.kind", "default", remedy));
+                let tracker = DefaultTracker::new(self.default.clone()).map_err(of_default)?;
+                return Ok(Box::new(tracker));
             }
             TrackerKind::Paper => Mode::Paper,
             TrackerKind::Nn => Mode::Nearest,
@@ -83,13 +87,19 @@ impl TrackingConfig {
     }
 }
 
+fn of_default(error: ConfigError) -> InvalidSetting {
+    let remedy = format!("use {}", error.expected);
+    InvalidSetting::new(error.key, error.value, &remedy).within("tracking.default")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn the_chosen_tracker_is_built() {
-        for kind in [TrackerKind::Paper, TrackerKind::Nn, TrackerKind::Belief] {
+        for kind in [TrackerKind::Default, TrackerKind::Paper, TrackerKind::Nn, TrackerKind::Belief]
+        {
             let config = TrackingConfig { kind, ..TrackingConfig::default() };
             assert!(config.tracker().unwrap().tracks().is_empty());
         }
@@ -105,6 +115,14 @@ mod tests {
             "tracking.paper.belief.trust.radial is -0.1: use 0 to 0.999"
         );
         assert_eq!(config.tracker().map(|_| ()), Err(complaint));
+    }
+
+    #[test]
+    fn nonsense_of_the_default_tracker_is_named_so_too() {
+        let mut config = TrackingConfig::default();
+        config.default.unseen_s = -1.0;
+        let complaint = config.check().unwrap_err().to_string();
+        assert!(complaint.starts_with("tracking.default.unseen_s is -1: use "), "{complaint}");
     }
 
     #[test]
