@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::registration::SolverConfig;
+use crate::tracking::Tracker;
+use crate::tracking::default::{DefaultConfig, DefaultTracker};
 
 /// A setting that makes no sense.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -28,6 +30,8 @@ pub struct CentreConfig {
     pub solver: SolverConfig,
     /// How targets are fused.
     pub fuse: FuseConfig,
+    /// How people are followed.
+    pub people: PeopleConfig,
     /// How much solving is done.
     pub work: WorkConfig,
     /// How a moved node is noticed.
@@ -97,6 +101,41 @@ pub struct FuseConfig {
     pub miss_probability: f64,
 }
 
+/// How people are followed by all registered nodes together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PeopleConfig {
+    /// Whether they are.
+    pub follow: bool,
+    /// Probability that a node gives a point of a person in one period.
+    pub detection_probability: f64,
+    /// False points of one node in one period, for each square metre.
+    pub false_points_per_m2: f64,
+    /// A node counts as contributing to a person for this long after its point.
+    pub contribution_s: f64,
+    /// The tracker.
+    pub tracker: DefaultConfig,
+}
+
+impl Default for PeopleConfig {
+    fn default() -> Self {
+        Self {
+            follow: true,
+            detection_probability: 0.8,
+            false_points_per_m2: 0.01,
+            contribution_s: 1.0,
+            tracker: DefaultConfig::people(),
+        }
+    }
+}
+
+impl PeopleConfig {
+    /// A tracker that has seen nothing yet.
+    pub(crate) fn tracker(&self) -> Box<dyn Tracker> {
+        Box::new(DefaultTracker::new(self.tracker.clone()))
+    }
+}
+
 impl Default for CentreConfig {
     fn default() -> Self {
         // Both names are constants that satisfy the rules of names (asserted by a test).
@@ -109,6 +148,7 @@ impl Default for CentreConfig {
             gather: GatherConfig::default(),
             solver: SolverConfig::default(),
             fuse: FuseConfig::default(),
+            people: PeopleConfig::default(),
             work: WorkConfig::default(),
             monitor: MonitorConfig::default(),
             state: StateConfig::default(),
@@ -178,6 +218,9 @@ impl CentreConfig {
             ("gather.place_m", gather.place_m, 0.05, 100.0),
             ("gather.max_node_count", gather.max_node_count as f64, 2.0, 256.0),
             ("fuse.miss_probability", self.fuse.miss_probability, 1e-9, 0.5),
+            ("people.detection_probability", self.people.detection_probability, 0.01, 0.999),
+            ("people.false_points_per_m2", self.people.false_points_per_m2, 1e-9, 100.0),
+            ("people.contribution_s", self.people.contribution_s, 0.0, 3600.0),
             ("work.worker_count", self.work.worker_count as f64, 0.0, 256.0),
             ("work.time_share", self.work.time_share, 0.01, 1.0),
             ("monitor.window_count", self.monitor.window_count as f64, 0.0, 1000.0),

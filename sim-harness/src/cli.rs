@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
 
-use crate::montecarlo::{self, mean_shift};
+use crate::montecarlo::{self, indoors, mean_shift};
 use crate::moves::NodeMove;
 use crate::plan::merge;
 use crate::report::{Report, Summary};
@@ -100,6 +100,14 @@ enum OtherExperiment {
     MeanShift {
         #[command(flatten)]
         experiment: mean_shift::Flags,
+        #[command(flatten)]
+        output: Output,
+    },
+    /// A shipped scenario through the real chain and the centre's state machine, without processes:
+    /// how well the centre follows the people whom its nodes see.
+    Indoors {
+        #[command(flatten)]
+        experiment: indoors::Flags,
         #[command(flatten)]
         output: Output,
     },
@@ -203,10 +211,17 @@ async fn run_all(
 }
 
 fn montecarlo(flags: &MonteCarloFlags, stop: &CancellationToken) -> anyhow::Result<()> {
-    if let Some(OtherExperiment::MeanShift { experiment, output }) = &flags.other {
-        return follow(experiment, output, stop);
+    match &flags.other {
+        Some(OtherExperiment::MeanShift { experiment, output }) => {
+            return follow(experiment, output, stop);
+        }
+        Some(OtherExperiment::Indoors { experiment, output }) => {
+            return rehearse(experiment, output, stop);
+        }
+        None => {}
     }
-    let figure = flags.figure.as_ref().context("name a figure, such as fig6, or mean-shift")?;
+    let figure =
+        flags.figure.as_ref().context("name a figure, such as fig6, or mean-shift or indoors")?;
     let experiment = montecarlo::Experiment::new(figure)?;
     let output = &flags.output;
     let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
@@ -223,6 +238,17 @@ fn follow(
     let experiment = mean_shift::Experiment::new(flags)?;
     let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
     let report = mean_shift::run(&experiment, &folder, stop)?;
+    output.print(&folder, report.json()?, &report.table())
+}
+
+fn rehearse(
+    flags: &indoors::Flags,
+    output: &Output,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    let experiment = indoors::Experiment::new(flags)?;
+    let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
+    let report = indoors::run(&experiment, &folder, stop)?;
     output.print(&folder, report.json()?, &report.table())
 }
 

@@ -6,7 +6,7 @@ use fusion_center::offline::{COLORS, Layer, Way, picture};
 use proto::geom::{Node, Point, Ref, Se2};
 use proto::wire::PoseRecord;
 
-use crate::observe::Person;
+use crate::observe::{Fused, Person};
 use crate::report::{NodePoints, Report};
 
 /// Each node's points in its own frame, as if all frames were one.
@@ -24,7 +24,7 @@ pub(crate) fn before(report: &Report, points: &NodePoints) -> anyhow::Result<Str
 
 /// All points in the common frame, with the nodes' estimated and true places.
 pub(crate) fn after(report: &Report, points: &NodePoints) -> anyhow::Result<String> {
-    let layers = layers(report, |index| {
+    let mut layers = layers(report, |index| {
         let node = &report.nodes[index];
         let estimated: Option<Se2<Ref, Node>> = node.pose_ref_from_node.map(PoseRecord::into);
         let own = points.get(&node.node).map_or(&[][..], Vec::as_slice);
@@ -45,10 +45,27 @@ pub(crate) fn after(report: &Report, points: &NodePoints) -> anyhow::Result<Stri
             ways: ways(report, index),
         }
     });
+    layers.extend(together(report));
     draw(
         &format!("{}: after registration, frame of {}", report.scenario, report.reference),
         &layers,
     )
+}
+
+/// The ways of the people whom the centre followed by all nodes together, with their ids.
+fn together(report: &Report) -> Option<Layer> {
+    let way = |person: &Fused| Way {
+        label: person.last.id.to_string(),
+        places_m: person.places_m.clone(),
+    };
+    (!report.fused.is_empty()).then(|| Layer {
+        label: "all together".to_owned(),
+        color: COLORS[report.nodes.len() % COLORS.len()],
+        points_m: Vec::new(),
+        estimated: None,
+        truth: None,
+        ways: report.fused.iter().map(way).collect(),
+    })
 }
 
 /// The ways of the people whom a node followed, with their ids.

@@ -10,6 +10,7 @@ pub mod moves;
 mod observe;
 mod plan;
 mod progress;
+mod rehearsal;
 mod report;
 mod resources;
 mod run;

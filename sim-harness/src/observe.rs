@@ -7,8 +7,8 @@ use proto::config::BusConfig;
 use proto::ids::{BootId, NodeId};
 use proto::keys::{Keys, Pattern, Topic};
 use proto::wire::{
-    NodeInPicture, NodeState, NodeStatus, Outcome, Picture, Registration, SourceState,
-    TrackInPicture, decode,
+    NodeInPicture, NodeState, NodeStatus, Outcome, PersonInPicture, Picture, Registration,
+    SourceState, TrackInPicture, decode,
 };
 use serde::Serialize;
 use tokio::sync::mpsc;
@@ -34,6 +34,15 @@ pub(crate) struct Person {
     pub(crate) places_m: Vec<[f64; 2]>,
 }
 
+/// Somebody whom the centre followed by all nodes together.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Fused {
+    /// As last shown.
+    pub(crate) last: PersonInPicture,
+    /// Where the person was, one place for each picture, `[x, y]` in `Ref`.
+    pub(crate) places_m: Vec<[f64; 2]>,
+}
+
 /// What is known of a run.
 #[derive(Debug, Default)]
 pub(crate) struct Observer {
@@ -43,6 +52,8 @@ pub(crate) struct Observer {
     pub(crate) picture_count: u64,
     /// Everybody who was followed, by node, the node's life and id.
     pub(crate) people: BTreeMap<(NodeId, BootId, u64), Person>,
+    /// Everybody whom the centre followed, by the centre's life and id.
+    pub(crate) fused: BTreeMap<(BootId, u64), Fused>,
     place_count: usize,
 }
 
@@ -66,9 +77,8 @@ impl Observer {
             Ok(Topic::Transform(node)) => decode::<Registration>(bytes).map(|registration| {
                 self.nodes.entry(node).or_default().registration = Some(registration.body);
             }),
-            Ok(Topic::Picture) => {
-                decode::<Picture>(bytes).map(|picture| self.take_picture(picture.body))
-            }
+            Ok(Topic::Picture) => decode::<Picture>(bytes)
+                .map(|picture| self.take_picture(picture.stamp.boot, picture.body)),
             _ => return,
         };
         if let Err(refusal) = taken {
@@ -76,13 +86,28 @@ impl Observer {
         }
     }
 
-    fn take_picture(&mut self, picture: Picture) {
+    fn take_picture(&mut self, centre: BootId, picture: Picture) {
         for line in &picture.nodes {
             self.nodes.entry(line.node.clone()).or_default().line = Some(line.clone());
         }
         self.picture_count += 1;
         picture.tracks.iter().for_each(|shown| self.take_track(shown));
+        picture.people.iter().for_each(|shown| self.take_person(centre, shown));
         self.picture = Some(picture);
+    }
+
+    fn take_person(&mut self, centre: BootId, shown: &PersonInPicture) {
+        let new = || Fused { last: shown.clone(), places_m: Vec::new() };
+        let person = self.fused.entry((centre, shown.id)).or_insert_with(new);
+        let is_news = person.places_m.is_empty() || person.last.time < shown.time;
+        if is_news && self.place_count < MAX_PLACE_COUNT {
+            let [x_m, y_m, ..] = shown.state;
+            person.places_m.push([x_m, y_m]);
+            self.place_count += 1;
+        }
+        if is_news {
+            person.last = shown.clone();
+        }
     }
 
     fn take_track(&mut self, shown: &TrackInPicture) {

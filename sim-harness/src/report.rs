@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::draw;
 use crate::launch::Incident;
-use crate::observe::{Observer, Person, Seen};
+use crate::observe::{Fused, Observer, Person, Seen};
 use crate::plan::Plan;
 use crate::resources::Usage;
 use crate::score::{NodeScore, score};
@@ -31,6 +31,8 @@ pub(crate) struct Report {
     pub(crate) picture_count: u64,
     /// Everybody whom a node followed, in `Ref`, by node and id.
     pub(crate) people: Vec<Person>,
+    /// Everybody whom the centre followed by all nodes together, in `Ref`, by id.
+    pub(crate) fused: Vec<Fused>,
     /// Processes that ended on the way.
     pub(crate) incidents: Vec<Incident>,
     pub(crate) resources: BTreeMap<String, Usage>,
@@ -68,6 +70,7 @@ impl Report {
             last_picture: observer.picture.as_ref().map_or(Vec::new(), |p| p.targets.clone()),
             picture_count: observer.picture_count,
             people: observer.people.values().cloned().collect(),
+            fused: observer.fused.values().cloned().collect(),
             incidents,
             resources,
             folder: plan.folder.clone(),
@@ -130,7 +133,22 @@ impl Report {
         };
         let told = self.nodes.iter().map(|node| (&node.node, of(&node.node)));
         let lines = told.filter(|(_, people)| !people.is_empty());
-        lines.map(|(node, people)| format!("{node} followed {}\n", people.join(", "))).collect()
+        let own = lines.map(|(node, people)| format!("{node} followed {}\n", people.join(", ")));
+        own.chain(self.followed_together()).collect()
+    }
+}
+
+impl Report {
+    /// Whom all nodes together showed; nothing where that was nobody.
+    fn followed_together(&self) -> Option<String> {
+        let told = |person: &Fused| {
+            let [x_m, y_m, ..] = person.last.state;
+            let (id, count) = (person.last.id, person.places_m.len());
+            format!("{id} to ({x_m:.2}, {y_m:.2}) m in {count} places")
+        };
+        let people: Vec<String> = self.fused.iter().map(told).collect();
+        let all = format!("all together followed {}\n", people.join(", "));
+        (!people.is_empty()).then_some(all)
     }
 }
 

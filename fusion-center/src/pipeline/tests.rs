@@ -16,6 +16,7 @@ use rand_distr::StandardNormal;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
+use super::pictures::MAX_SIGHTING_COUNT;
 use super::*;
 use crate::service::serve;
 

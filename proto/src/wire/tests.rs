@@ -99,6 +99,21 @@ fn picture() -> Picture {
         nodes: vec![line()],
         targets: vec![target],
         tracks: vec![TrackInPicture { node: node(), time: CentreTime(12), track: track(13) }],
+        people: vec![person()],
+    }
+}
+
+fn person() -> PersonInPicture {
+    PersonInPicture {
+        id: 14,
+        status: TrackStatus::Confirmed,
+        time: CentreTime(15),
+        state: [1.0, 2.0, -0.5, 0.25],
+        covariance: track(0).covariance,
+        log_odds: 16.5,
+        unseen_s: 0.125,
+        nodes: vec!["n0".parse().unwrap(), node()],
+        last: PointOfPerson { node: node(), sequence: 17, point_index: 18, share: 0.875 },
     }
 }
 
@@ -326,6 +341,28 @@ fn senseless_fields_are_refused_on_both_sides() {
     }
     let long = Answer { text: "x".repeat(600), ..answer() };
     assert!(encode(STAMP, &long).unwrap_err().to_string().contains("text is 600"));
+}
+
+#[test]
+fn senseless_people_are_refused() {
+    let with = |change: fn(&mut PersonInPicture)| {
+        let mut bad = person();
+        change(&mut bad);
+        let shown = Picture { people: vec![person(), bad], ..picture() };
+        encode(STAMP, &shown).unwrap_err().to_string()
+    };
+    assert!(with(|one| one.state[0] = 1e6).contains("people.state x_m"));
+    assert!(with(|one| one.state[1] = f64::NAN).contains("people.state y_m"));
+    assert!(with(|one| one.state[3] = 1e5).contains("people.state velocity"));
+    assert!(with(|one| one.covariance[9] = 0.0).contains("people.covariance"));
+    assert!(with(|one| one.log_odds = f64::NAN).contains("people.log_odds"));
+    assert!(with(|one| one.unseen_s = -1.0).contains("people.unseen_s"));
+    assert!(with(|one| one.nodes.reverse()).contains("people.nodes"));
+    assert!(with(|one| one.last.share = 1.5).contains("people.last.share"));
+    let crowded = Picture { people: vec![person(); 513], ..picture() };
+    assert!(encode(STAMP, &crowded).unwrap_err().to_string().contains("people is 513"));
+    let full = Picture { people: vec![person(); PersonInPicture::MAX_COUNT], ..picture() };
+    assert!(encode(STAMP, &full).is_ok(), "as many people as may be fit into a message");
 }
 
 #[test]

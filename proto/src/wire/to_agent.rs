@@ -9,6 +9,7 @@ use super::check::{
 };
 use super::codec::Message;
 use super::header::Kind;
+use super::people::{MAX_PEOPLE_COUNT, PersonInPicture};
 use super::tracks::{MAX_PICTURE_TRACK_COUNT, TrackInPicture};
 use crate::geom::{Node, Ref, Se2};
 use crate::ids::{BootId, NodeId};
@@ -359,11 +360,13 @@ pub struct Picture {
     /// The people that registered nodes follow, confirmed or coasting, in `Ref`: the newest of each
     /// node, by node and id.
     pub tracks: Vec<TrackInPicture>,
+    /// The people whom all registered nodes together show, confirmed or coasting, by id.
+    pub people: Vec<PersonInPicture>,
 }
 
 impl Message for Picture {
     const KIND: Kind = Kind::Picture;
-    const SCHEMA: u16 = 3;
+    const SCHEMA: u16 = 4;
     const MAX_BYTES: usize = 512 << 10;
 
     fn check(&self) -> Result<(), Invalid> {
@@ -371,6 +374,8 @@ impl Message for Picture {
         at_most("targets", self.targets.len(), MAX_TARGET_COUNT)?;
         self.targets.iter().try_for_each(FusedTarget::check)?;
         at_most("tracks", self.tracks.len(), MAX_PICTURE_TRACK_COUNT)?;
-        self.tracks.iter().try_for_each(|shown| shown.track.check())
+        self.tracks.iter().try_for_each(|shown| shown.track.check())?;
+        at_most("people", self.people.len(), MAX_PEOPLE_COUNT)?;
+        self.people.iter().try_for_each(PersonInPicture::check)
     }
 }

@@ -19,6 +19,10 @@ pub(super) const MAX_PICTURE_TRACK_COUNT: usize = 1024;
 /// Nobody is faster, metres per second; times that run faster are allowed for.
 const MAX_SPEED_M_PER_S: f64 = 1e4;
 
+/// What errors call a track's state and covariance.
+const NAMES: [&str; 4] =
+    ["tracks.state x_m", "tracks.state y_m", "tracks.state velocity", "tracks.covariance"];
+
 /// How sure a tracker is that somebody is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -55,7 +59,7 @@ impl TrackRecord {
     /// [`Self::covariance`] as a matrix.
     #[must_use]
     pub fn covariance_matrix(&self) -> Matrix4<f64> {
-        Matrix4::from_fn(|row, column| self.covariance[packed_index(row, column)])
+        matrix_of(&self.covariance)
     }
 
     /// Checks every field.
@@ -63,24 +67,38 @@ impl TrackRecord {
     /// # Errors
     /// Names the first field that makes no sense.
     pub fn check(&self) -> Result<(), Invalid> {
-        let [x_m, y_m, x_m_per_s, y_m_per_s] = self.state;
-        coordinate("tracks.state x_m", x_m)?;
-        coordinate("tracks.state y_m", y_m)?;
-        for speed_m_per_s in [x_m_per_s, y_m_per_s] {
-            let believable = speed_m_per_s.abs() <= MAX_SPEED_M_PER_S;
-            let expected = "a velocity within 10 km/s is expected";
-            require(believable, "tracks.state velocity", speed_m_per_s, expected)?;
-        }
-        let [xx, xy, _, _, yy, ..] = self.covariance;
-        covariance("tracks.covariance", [xx, xy, yy])?;
-        let good = self.covariance.iter().all(|entry| entry.is_finite())
-            && self.covariance_matrix().cholesky().is_some();
-        let expected = "a positive definite covariance is expected";
-        require(good, "tracks.covariance", self.covariance, expected)?;
+        moving(NAMES, &self.state, &self.covariance)?;
         second_moment("tracks.extent_m2", self.extent_m2)?;
         share("tracks.appearance", self.appearance)?;
         not_negative("tracks.unseen_s", self.unseen_s)
     }
+}
+
+/// Checks a state `[x_m, y_m, x_m_per_s, y_m_per_s]` and its packed covariance, which errors call by
+/// these names: first and second coordinate, velocity, covariance.
+pub(super) fn moving(
+    names: [&'static str; 4],
+    state: &[f64; 4],
+    packed: &[f64; 10],
+) -> Result<(), Invalid> {
+    let [x_m, y_m, x_m_per_s, y_m_per_s] = *state;
+    coordinate(names[0], x_m)?;
+    coordinate(names[1], y_m)?;
+    for speed_m_per_s in [x_m_per_s, y_m_per_s] {
+        let believable = speed_m_per_s.abs() <= MAX_SPEED_M_PER_S;
+        let expected = "a velocity within 10 km/s is expected";
+        require(believable, names[2], speed_m_per_s, expected)?;
+    }
+    let [xx, xy, _, _, yy, ..] = *packed;
+    covariance(names[3], [xx, xy, yy])?;
+    let good =
+        packed.iter().all(|entry| entry.is_finite()) && matrix_of(packed).cholesky().is_some();
+    require(good, names[3], packed, "a positive definite covariance is expected")
+}
+
+/// The symmetric matrix of a packed upper triangle.
+pub(super) fn matrix_of(packed: &[f64; 10]) -> Matrix4<f64> {
+    Matrix4::from_fn(|row, column| packed[packed_index(row, column)])
 }
 
 /// Where the entry of a symmetric 4×4 matrix stands in its upper triangle, row by row.

@@ -21,6 +21,7 @@ use crate::scenario::{Scenario, find};
 
 mod bound;
 mod echoes;
+pub(crate) mod indoors;
 pub(crate) mod mean_shift;
 mod picture;
 mod raster;

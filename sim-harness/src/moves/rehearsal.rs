@@ -2,30 +2,17 @@
 //! points, and the centre's state machine takes them in, period by period.
 
 use std::collections::BTreeMap;
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
 
-use fusion_center::config::CentreConfig;
-use fusion_center::pipeline::{Centre, Combined, Effect, Event, Job, Solved};
-use fusion_center::registration::{Solver, build};
-use node_agent::config::AgentConfig;
-use node_agent::pipeline::Chain;
-use node_agent::source::Frame;
-use proto::bus::{BusEvent, Delivery};
 use proto::geom::{Node, Ref, Se2, wrap_angle};
-use proto::ids::{BootId, NodeId};
-use proto::keys::{Keys, Topic};
-use proto::time::{CentreTime, ClockEstimate, NodeTime};
-use proto::wire::{Counters, PointSet, Registration, Stamp, Suspicion, decode, encode};
+use proto::ids::NodeId;
+use proto::wire::Registration;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 
-use crate::plan::{Plan, plan};
+use crate::rehearsal::Rehearsal;
 use crate::scenario::{Scenario, find};
 
-const CENTRE: BootId = BootId(9);
 /// Periods from the move within which it should be noticed, and everybody be right again.
 const SUSPECT_WITHIN: u64 = 20;
 const RIGHT_WITHIN: u64 = 60;
@@ -70,92 +57,6 @@ fn way(random: &mut ChaCha8Rng, end_s: f64) -> toml::Value {
     toml::Value::Array(points)
 }
 
-/// The point sets of an agent, one per period.
-fn sets(agent: &AgentConfig, period_count: u64) -> Vec<PointSet> {
-    let mut config = agent.clone();
-    config.chain.thread_count = 1;
-    let (half_depth_m, half_depth_sigma_m) = config.half_depth_m();
-    let mut chain = Chain::new(&config.chain).unwrap();
-    let node = config.node.clone();
-    let mut source = config.open_source().unwrap().source;
-    let mut sets = Vec::new();
-    for period in 0..period_count {
-        let Frame::Sweep(sweep) = source.frame(period).unwrap() else { unreachable!() };
-        sets.push(PointSet {
-            node: node.clone(),
-            period,
-            time: NodeTime(0),
-            clock: Some(ClockEstimate { centre_boot: CENTRE, offset_ns: 0, error_ns: 1000 }),
-            half_depth_m,
-            half_depth_sigma_m,
-            points: chain.process_sweep(&sweep).unwrap().points,
-            counters: Counters::default(),
-        });
-    }
-    sets
-}
-
-/// The centre, and what it has told.
-struct Site {
-    centre: Centre,
-    solver: Box<dyn Solver>,
-    keys: Keys,
-    now: CentreTime,
-    told: BTreeMap<NodeId, Registration>,
-    /// Suspicions that came up since they were last taken.
-    raised: Vec<(NodeId, Suspicion)>,
-}
-
-impl Site {
-    fn new(config: CentreConfig) -> Self {
-        let solver = build(&config.solver);
-        let keys = Keys::new(config.site.clone());
-        let centre = Centre::new(Arc::new(config), CENTRE);
-        let (now, told) = (CentreTime(10_000_000_000), BTreeMap::new());
-        Self { centre, solver, keys, now, told, raised: Vec::new() }
-    }
-
-    fn deliver(&mut self, mut set: PointSet) {
-        set.time = NodeTime(u64::try_from(self.now.0).unwrap());
-        let stamp = Stamp { boot: BootId(1), sequence: set.period, sent_ns: set.time.0 };
-        let event = BusEvent::Message(encode(stamp, &set).unwrap());
-        let key = self.keys.key(&Topic::Points(set.node));
-        let delivery = Delivery { key, event, arrived: tokio::time::Instant::now() };
-        let mut effects = self.centre.step(self.now, Event::Delivered(delivery, self.now));
-        while let Some(effect) = effects.pop() {
-            let done = match effect {
-                Effect::Publish(Topic::Transform(node), bytes) => {
-                    self.hear(node, decode::<Registration>(&bytes).unwrap().body);
-                    continue;
-                }
-                Effect::Solve(job) => Event::Solved(Box::new(self.solve(*job))),
-                Effect::Combine(combination) => {
-                    let (combination, time) = (*combination, Duration::ZERO);
-                    let groups = combination.groups();
-                    Event::Combined(Box::new(Combined { combination, groups, time }))
-                }
-                Effect::Publish(..) | Effect::Save(_) => continue,
-            };
-            effects.extend(self.centre.step(self.now, done));
-        }
-    }
-
-    fn hear(&mut self, node: NodeId, told: Registration) {
-        let before = self.told.get(&node).and_then(|one| one.suspicion.clone());
-        if let Some(suspicion) = told.suspicion.clone()
-            && before.as_ref() != Some(&suspicion)
-        {
-            self.raised.push((node.clone(), suspicion));
-        }
-        drop(self.told.insert(node, told));
-    }
-
-    fn solve(&self, job: Job) -> Solved {
-        let solution = self.solver.solve(&job.problem, job.known.as_ref());
-        Solved { job, solution, solver: "default", solve_time: Duration::ZERO }
-    }
-}
-
 /// What became of a run.
 #[derive(Debug, Default)]
 struct Course {
@@ -186,30 +87,23 @@ fn is_right(scenario: &Scenario, told: &BTreeMap<NodeId, Registration>) -> bool 
 
 /// Plays a scenario.
 fn course(scenario: &Scenario) -> Course {
-    let Plan { centre, agents, .. } =
-        plan(scenario.clone(), Path::new(""), "tcp/127.0.0.1:1").unwrap();
     let period_count = scenario.period_count.unwrap();
-    let of_agents: Vec<Vec<PointSet>> =
-        agents.iter().map(|agent| sets(agent, period_count)).collect();
+    let mut rehearsal = Rehearsal::new(scenario).unwrap();
     let shove = scenario.moves.first();
     let is_past =
         |period: &u64| shove.is_some_and(|one| one.at_s <= *period as f64 * scenario.period_s);
     let first_moved = (0..period_count).find(is_past).unwrap_or(period_count);
     let still = Scenario { moves: Vec::new(), ..scenario.clone() };
-    let step_ns = Duration::from_secs_f64(centre.gather.period_s).as_nanos();
-    let mut site = Site::new(centre);
     let mut course = Course::default();
     let is_meant = |node: &NodeId| {
         shove.is_some_and(|one| one.node == *node || one.node == scenario.reference)
     };
     for period in 0..period_count {
         if period == first_moved {
-            course.wrong_before = usize::from(!is_right(&still, &site.told));
+            course.wrong_before = usize::from(!is_right(&still, &rehearsal.site.told));
         }
-        for of_agent in &of_agents {
-            site.deliver(of_agent[usize::try_from(period).unwrap()].clone());
-        }
-        site.now.0 += i64::try_from(step_ns).unwrap();
+        rehearsal.play(period).unwrap();
+        let site = &mut rehearsal.site;
         let after = (period + 1).saturating_sub(first_moved);
         for (node, suspicion) in std::mem::take(&mut site.raised) {
             if 0 < after && is_meant(&node) {

@@ -25,7 +25,7 @@ mod entrants;
 mod picture;
 mod published;
 mod report;
-mod summary;
+pub(super) mod summary;
 #[cfg(test)]
 mod tests;
 mod trial;

@@ -14,15 +14,15 @@ const DRAW_COUNT: usize = 1000;
 
 /// A figure of all trials together.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(super) struct Figure {
-    pub(super) value: f64,
+pub(in super::super) struct Figure {
+    pub(in super::super) value: f64,
     /// 95 % confidence interval, if there are several trials.
-    pub(super) interval: Option<[f64; 2]>,
+    pub(in super::super) interval: Option<[f64; 2]>,
 }
 
 impl Figure {
     /// As people read it.
-    pub(super) fn text(&self, digits: usize) -> String {
+    pub(in super::super) fn text(&self, digits: usize) -> String {
         let Self { value, interval } = self;
         interval.map_or_else(
             || format!("{value:.digits$}"),
@@ -33,25 +33,25 @@ impl Figure {
 
 /// The figures of one tracker in one experiment; those of nothing are `None`.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Figures {
-    pub(super) rmse_m: Option<Figure>,
-    pub(super) missed_share: Option<Figure>,
-    pub(super) false_per_frame: Option<Figure>,
-    pub(super) switches_per_run: Option<Figure>,
+pub(in super::super) struct Figures {
+    pub(in super::super) rmse_m: Option<Figure>,
+    pub(in super::super) missed_share: Option<Figure>,
+    pub(in super::super) false_per_frame: Option<Figure>,
+    pub(in super::super) switches_per_run: Option<Figure>,
     /// Trials without a miss, a false report or a switch, with Wilson's interval: it tells how sure
     /// it is that there are none.
-    pub(super) flawless: Proportion,
-    pub(super) purity: Option<Figure>,
-    pub(super) completeness: Option<Figure>,
-    pub(super) initiation_delay_s: Option<Figure>,
+    pub(in super::super) flawless: Proportion,
+    pub(in super::super) purity: Option<Figure>,
+    pub(in super::super) completeness: Option<Figure>,
+    pub(in super::super) initiation_delay_s: Option<Figure>,
     /// Share of people who were found at all.
-    pub(super) found_share: Option<Figure>,
-    pub(super) nees: Option<Figure>,
+    pub(in super::super) found_share: Option<Figure>,
+    pub(in super::super) nees: Option<Figure>,
     /// Root mean square over all moments, with those before anybody is confirmed.
-    pub(super) gospa_m: Option<Figure>,
+    pub(in super::super) gospa_m: Option<Figure>,
     /// Localisation, missed, false: their sum is the square of `gospa_m`.
-    pub(super) gospa_parts_m2: Option<[f64; 3]>,
-    pub(super) ospa_m: Option<Figure>,
+    pub(in super::super) gospa_parts_m2: Option<[f64; 3]>,
+    pub(in super::super) ospa_m: Option<Figure>,
 }
 
 /// One moment of all trials.
@@ -103,7 +103,8 @@ fn of_moment(score: Score) -> MomentFigures {
     }
 }
 
-fn figures(trials: &[Score], seed: u64) -> Figures {
+/// The figures of these trials; the intervals follow from `seed`.
+pub(in super::super) fn figures(trials: &[Score], seed: u64) -> Figures {
     let total: Score = trials.iter().copied().sum();
     let draws = draws(trials, seed);
     let figure = |of: &dyn Fn(&Score) -> Option<f64>| {

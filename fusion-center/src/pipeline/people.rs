@@ -1,0 +1,217 @@
+//! People followed by all registered nodes together, from period to period.
+//!
+//! Every closed period gives one look for each registered node that nobody doubts and whose clock is
+//! known well: its points in `Ref`, with the errors of the half depth and of the node's pose. The
+//! looks of a period are taken in the order of their measurement. What comes later than
+//! `gather.max_wait_s` allows is in the picture of its period, but in no track.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use proto::ids::NodeId;
+use proto::time::CentreTime;
+use proto::wire::{PersonInPicture, PointOfPerson, TrackStatus, packed_covariance};
+use tracing::warn;
+
+use super::monitor::Placement;
+use crate::config::PeopleConfig;
+use crate::fuse::place;
+use crate::gather::{Gather, KeptSet};
+use crate::tracking::{Area, Coverage, Look, Plot, Status, Track, Tracker};
+
+/// Most points of one node in one period that are looked at, the strongest: more people than a node
+/// can tell apart.
+const MAX_PLOT_COUNT: usize = 128;
+
+/// Everybody who is followed.
+pub(super) struct People {
+    config: PeopleConfig,
+    tracker: Box<dyn Tracker>,
+    sensors: Vec<NodeId>,
+    /// When each sensor last gave a plot to a track, seconds.
+    gave: BTreeMap<u64, BTreeMap<u32, f64>>,
+    /// What is added to the tracker's ids: those of trackers before.
+    first_id: u64,
+    /// The tracker has given no id from this one on.
+    next_id: u64,
+    newest: Option<CentreTime>,
+    refused_count: u64,
+}
+
+impl People {
+    pub(super) fn new(config: &PeopleConfig) -> Self {
+        Self::with(config, config.tracker())
+    }
+
+    fn with(config: &PeopleConfig, tracker: Box<dyn Tracker>) -> Self {
+        Self {
+            tracker,
+            config: config.clone(),
+            sensors: Vec::new(),
+            gave: BTreeMap::new(),
+            first_id: 0,
+            next_id: 0,
+            newest: None,
+            refused_count: 0,
+        }
+    }
+
+    /// Nobody is followed any longer: the common frame is another, or nobody has looked for long.
+    pub(super) fn start_over(&mut self) {
+        self.first_id += std::mem::take(&mut self.next_id);
+        self.tracker = self.config.tracker();
+        self.gave.clear();
+        self.newest = None;
+    }
+
+    /// Takes a closed period in, as seen by the nodes with `placements`.
+    pub(super) fn take(
+        &mut self,
+        period: i64,
+        gather: &Gather,
+        placements: &BTreeMap<NodeId, Placement>,
+    ) {
+        if !self.config.follow {
+            return;
+        }
+        let is_clock_good =
+            |node: &NodeId| gather.node(node).is_some_and(|history| gather.is_clock_good(history));
+        let mut sets: Vec<(&NodeId, &KeptSet, &Placement)> = gather
+            .sets_in(period)
+            .filter(|(node, _)| is_clock_good(node))
+            .filter_map(|(node, set)| Some((node, set, placements.get(node)?)))
+            .collect();
+        sets.sort_by_key(|(_, set, _)| set.time);
+        for (node, set, placement) in sets {
+            self.look(node, set, placement);
+        }
+    }
+
+    fn look(&mut self, node: &NodeId, set: &KeptSet, placement: &Placement) {
+        let sensor_index = self.sensor_index(node);
+        let plots = plots(set, placement);
+        let time_s = seconds(set.time);
+        let look = Look {
+            time_s,
+            sensor_index,
+            look_index: set.sequence,
+            platform: None,
+            coverage: Coverage {
+                area: Area::Everywhere,
+                detection_probability: self.config.detection_probability,
+                minimum_detectable_m_per_s: None,
+            },
+            clutter_per_m2: self.config.false_points_per_m2,
+            plots: &plots,
+        };
+        if let Err(refused) = self.tracker.look(&look) {
+            self.refused_count += 1;
+            if self.refused_count.is_power_of_two() {
+                warn!(%node, %refused, count = self.refused_count, "a set is in no track");
+            }
+            return;
+        }
+        self.newest = Some(set.time);
+        self.note_givers(sensor_index, set.sequence, time_s);
+    }
+
+    /// Notes to whom the newest look gave a plot, and forgets who is followed no longer.
+    fn note_givers(&mut self, sensor_index: u32, look_index: u64, time_s: f64) {
+        let tracks = self.tracker.tracks();
+        let newest = tracks.last().map_or(0, |track| track.id + 1);
+        self.next_id = self.next_id.max(newest);
+        for track in tracks {
+            let last = track.last_report;
+            if (last.sensor_index, last.look_index) == (sensor_index, look_index) {
+                self.gave.entry(track.id).or_default().insert(sensor_index, time_s);
+            }
+        }
+        let lives = |id: &u64| tracks.binary_search_by_key(id, |track| track.id).is_ok();
+        self.gave.retain(|id, _| lives(id));
+    }
+
+    fn sensor_index(&mut self, node: &NodeId) -> u32 {
+        let known = self.sensors.iter().position(|one| one == node);
+        let index = known.unwrap_or_else(|| {
+            self.sensors.push(node.clone());
+            self.sensors.len() - 1
+        });
+        u32::try_from(index).unwrap_or(u32::MAX)
+    }
+
+    /// Starts over if no set was taken in for longer than `limit`.
+    pub(super) fn forget_old(&mut self, now: CentreTime, limit: Duration) {
+        if self.newest.is_some_and(|newest| limit < now.since(newest)) {
+            self.start_over();
+        }
+    }
+
+    /// Everybody who is sure enough to be shown, by id.
+    pub(super) fn shown(&self) -> Vec<PersonInPicture> {
+        let sure = self.tracker.tracks().iter().filter(|one| one.status != Status::Tentative);
+        let mut shown: Vec<PersonInPicture> = sure.filter_map(|one| self.person(one)).collect();
+        // One wild track must not cost everybody the picture.
+        shown.retain(|person| person.check().is_ok());
+        shown.truncate(PersonInPicture::MAX_COUNT);
+        shown
+    }
+
+    fn person(&self, track: &Track) -> Option<PersonInPicture> {
+        let name = |index: u32| self.sensors.get(usize::try_from(index).ok()?).cloned();
+        let lately = |seen_s: f64| track.time_s - seen_s <= self.config.contribution_s;
+        let gave = self.gave.get(&track.id).into_iter().flatten();
+        let mut nodes: Vec<NodeId> = gave
+            .filter(|(_, seen_s)| lately(**seen_s))
+            .filter_map(|(index, _)| name(*index))
+            .collect();
+        nodes.sort();
+        #[expect(clippy::cast_possible_truncation, reason = "a time that came from nanoseconds")]
+        let time = CentreTime((track.time_s * 1e9).round() as i64);
+        Some(PersonInPicture {
+            id: self.first_id + track.id,
+            status: match track.status {
+                Status::Tentative => TrackStatus::Tentative,
+                Status::Confirmed => TrackStatus::Confirmed,
+                Status::Coasting | Status::Stopped => TrackStatus::Coasting,
+            },
+            time,
+            state: track.state.into(),
+            covariance: packed_covariance(&track.covariance),
+            log_odds: track.log_odds,
+            unseen_s: (track.time_s - track.seen_s).max(0.0),
+            nodes,
+            last: PointOfPerson {
+                node: name(track.last_report.sensor_index)?,
+                sequence: track.last_report.look_index,
+                point_index: track.last_report.report_index,
+                share: track.last_share.clamp(0.0, 1.0),
+            },
+        })
+    }
+}
+
+/// The strongest points of a set, in `Ref`.
+fn plots(set: &KeptSet, placement: &Placement) -> Vec<Plot> {
+    let plot = |(index, point): (usize, &crate::gather::KeptPoint)| {
+        let middle = point.with_half_depth_error(set.half_depth_sigma_m);
+        let placed = place(placement.pose, &placement.covariance, middle);
+        Plot {
+            position_m: placed.mean.coords_m,
+            covariance_m2: placed.cov_m2,
+            radial: None,
+            strength_db: None,
+            report_index: u32::try_from(index).unwrap_or(u32::MAX),
+        }
+    };
+    let mut points: Vec<_> = set.points.iter().enumerate().collect();
+    points.sort_by(|(_, one), (_, other)| other.snr_db.total_cmp(&one.snr_db));
+    points.truncate(MAX_PLOT_COUNT);
+    points.into_iter().map(plot).collect()
+}
+
+fn seconds(time: CentreTime) -> f64 {
+    time.0 as f64 / 1e9
+}
+
+#[cfg(test)]
+mod tests;
