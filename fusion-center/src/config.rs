@@ -2,7 +2,8 @@
 
 use proto::config::BusConfig;
 use proto::ids::{NodeId, SiteId};
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use thiserror::Error;
 
 use crate::registration::SolverConfig;
@@ -113,8 +114,17 @@ pub struct PeopleConfig {
     pub false_points_per_m2: f64,
     /// A node counts as contributing to a person for this long after its point.
     pub contribution_s: f64,
-    /// The tracker.
+    /// The tracker; what is left out is as for people, not as for wide areas.
+    #[serde(deserialize_with = "over_those_for_people")]
     pub tracker: DefaultConfig,
+}
+
+/// Settings for people with those that are given put over them.
+fn over_those_for_people<'de, D: Deserializer<'de>>(from: D) -> Result<DefaultConfig, D::Error> {
+    let given = toml::Table::deserialize(from)?;
+    let mut all = toml::Table::try_from(DefaultConfig::people()).map_err(D::Error::custom)?;
+    all.extend(given);
+    all.try_into().map_err(D::Error::custom)
 }
 
 impl Default for PeopleConfig {
@@ -130,9 +140,11 @@ impl Default for PeopleConfig {
 }
 
 impl PeopleConfig {
-    /// A tracker that has seen nothing yet.
-    pub(crate) fn tracker(&self) -> Box<dyn Tracker> {
-        Box::new(DefaultTracker::new(self.tracker.clone()))
+    /// A tracker that has seen nothing yet; none if nobody is to be followed, or with settings that
+    /// [`CentreConfig::check`] refuses.
+    pub(crate) fn tracker(&self) -> Option<Box<dyn Tracker>> {
+        let made = self.follow.then(|| DefaultTracker::new(self.tracker.clone()))?.ok()?;
+        Some(Box::new(made))
     }
 }
 
@@ -231,6 +243,8 @@ impl CentreConfig {
                 return Err(InvalidConfig(format!("{name} is {value}: use {least} to {most}")));
             }
         }
+        let tracker = self.people.tracker.check();
+        tracker.map_err(|error| InvalidConfig(format!("people.tracker: {error}")))?;
         self.solver.check().map_err(|error| InvalidConfig(error.to_string()))
     }
 }
@@ -253,6 +267,18 @@ mod tests {
         let every_key = toml::Table::try_from(CentreConfig::default()).unwrap();
         let spelled: toml::Table = shipped.parse().unwrap();
         assert_eq!(spelled, every_key, "deploy/fusion.toml leaves keys out");
+    }
+
+    #[test]
+    fn what_is_left_out_of_the_tracker_is_as_for_people() {
+        let config: CentreConfig = toml::from_str("[people.tracker]\nunseen_s = 9.0").unwrap();
+        let want = DefaultConfig { unseen_s: 9.0, ..DefaultConfig::people() };
+        assert_eq!(config.people.tracker, want);
+        let wrong = toml::from_str::<CentreConfig>("[people.tracker]\nunseen = 9.0");
+        assert!(wrong.unwrap_err().to_string().contains("unseen"));
+        let mut config = CentreConfig::default();
+        config.people.tracker.unseen_s = -1.0;
+        assert!(config.check().unwrap_err().to_string().contains("unseen_s"));
     }
 
     #[test]

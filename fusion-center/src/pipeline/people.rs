@@ -26,7 +26,7 @@ const MAX_PLOT_COUNT: usize = 128;
 /// Everybody who is followed.
 pub(super) struct People {
     config: PeopleConfig,
-    tracker: Box<dyn Tracker>,
+    tracker: Option<Box<dyn Tracker>>,
     sensors: Vec<NodeId>,
     /// When each sensor last gave a plot to a track, seconds.
     gave: BTreeMap<u64, BTreeMap<u32, f64>>,
@@ -43,7 +43,7 @@ impl People {
         Self::with(config, config.tracker())
     }
 
-    fn with(config: &PeopleConfig, tracker: Box<dyn Tracker>) -> Self {
+    fn with(config: &PeopleConfig, tracker: Option<Box<dyn Tracker>>) -> Self {
         Self {
             tracker,
             config: config.clone(),
@@ -71,7 +71,7 @@ impl People {
         gather: &Gather,
         placements: &BTreeMap<NodeId, Placement>,
     ) {
-        if !self.config.follow {
+        if self.tracker.is_none() {
             return;
         }
         let is_clock_good =
@@ -104,7 +104,8 @@ impl People {
             clutter_per_m2: self.config.false_points_per_m2,
             plots: &plots,
         };
-        if let Err(refused) = self.tracker.look(&look) {
+        let Some(tracker) = &mut self.tracker else { return };
+        if let Err(refused) = tracker.look(&look) {
             self.refused_count += 1;
             if self.refused_count.is_power_of_two() {
                 warn!(%node, %refused, count = self.refused_count, "a set is in no track");
@@ -117,7 +118,7 @@ impl People {
 
     /// Notes to whom the newest look gave a plot, and forgets who is followed no longer.
     fn note_givers(&mut self, sensor_index: u32, look_index: u64, time_s: f64) {
-        let tracks = self.tracker.tracks();
+        let tracks = self.tracker.as_ref().map_or(&[][..], |tracker| tracker.tracks());
         let newest = tracks.last().map_or(0, |track| track.id + 1);
         self.next_id = self.next_id.max(newest);
         for track in tracks {
@@ -148,7 +149,8 @@ impl People {
 
     /// Everybody who is sure enough to be shown, by id.
     pub(super) fn shown(&self) -> Vec<PersonInPicture> {
-        let sure = self.tracker.tracks().iter().filter(|one| one.status != Status::Tentative);
+        let tracks = self.tracker.as_ref().map_or(&[][..], |tracker| tracker.tracks());
+        let sure = tracks.iter().filter(|one| one.status != Status::Tentative);
         let mut shown: Vec<PersonInPicture> = sure.filter_map(|one| self.person(one)).collect();
         // One wild track must not cost everybody the picture.
         shown.retain(|person| person.check().is_ok());

@@ -116,7 +116,7 @@ fn stage() -> Stage {
     ]);
     let listener = Listener::default();
     let heard = listener.heard.clone();
-    let people = People::with(&PeopleConfig::default(), Box::new(listener));
+    let people = People::with(&PeopleConfig::default(), Some(Box::new(listener)));
     let period = gather.period_at(CentreTime(6 * SECOND_NS + 30_000_000));
     Stage { gather, period, placements, people, heard }
 }
@@ -170,8 +170,11 @@ fn ids_go_on_when_all_starts_over() {
 
 #[test]
 fn nobody_is_followed_where_that_is_switched_off() {
-    let Stage { gather, period, placements, mut people, heard } = stage();
-    people.config.follow = false;
+    let Stage { gather, period, placements, .. } = stage();
+    let config = PeopleConfig { follow: false, ..PeopleConfig::default() };
+    let mut people = People::new(&config);
+    assert!(people.tracker.is_none());
     people.take(period, &gather, &placements);
-    assert!(heard.lock().unwrap().is_empty());
+    people.start_over();
+    assert!(people.shown().is_empty());
 }
