@@ -20,6 +20,8 @@ pub(super) struct Outcome {
     pub(super) first_s: Option<f64>,
     /// The longest time for which one track was with nobody, seconds of the scene.
     pub(super) longest_false_s: f64,
+    /// When somebody was found under another identity than before, seconds of the scene.
+    pub(super) switches_s: Vec<f64>,
 }
 
 /// How long tracks have been with nobody.
@@ -47,7 +49,7 @@ impl Strays {
 pub(super) fn play(scenario: &Scenario, settings: Settings) -> anyhow::Result<Outcome> {
     let mut rehearsal = Rehearsal::new(scenario)?;
     let mut scorer: Scorer<usize, u64> = Scorer::new(settings)?;
-    let (mut first_s, mut strays) = (None, Strays::default());
+    let (mut first_s, mut strays, mut switches_s) = (None, Strays::default(), Vec::new());
     for period in 0..scenario.period_count.unwrap_or(0) {
         rehearsal.play(period)?;
         let time_s = period as f64 * scenario.period_s;
@@ -62,11 +64,12 @@ pub(super) fn play(scenario: &Scenario, settings: Settings) -> anyhow::Result<Ou
             .enumerate()
             .map(|(id, at)| Truth { id, at_m: at.coords_m.into() })
             .collect();
-        scorer.add(time_s, &truths, &estimates);
+        let moment = scorer.add(time_s, &truths, &estimates);
+        switches_s.extend((0..moment.switch_count).map(|_| time_s));
         strays.take(time_s, &of_nobody(&truths, &estimates, settings.gate_m));
     }
-    let longest_false_s = strays.longest_s;
-    Ok(Outcome { seed: scenario.seed, score: scorer.score(), first_s, longest_false_s })
+    let (seed, score, longest_false_s) = (scenario.seed, scorer.score(), strays.longest_s);
+    Ok(Outcome { seed, score, first_s, longest_false_s, switches_s })
 }
 
 fn estimates(picture: &Picture) -> Vec<Estimate<u64>> {
