@@ -1,5 +1,6 @@
 //! Which looks the tracker gets, and what is shown of its tracks: with a tracker that only listens.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use nalgebra::{Matrix2, Matrix3, Matrix4, Vector2, Vector4};
@@ -20,10 +21,10 @@ const SECOND_NS: i64 = 1_000_000_000;
 /// Time, sensor, look index and places of a look.
 type Heard = (f64, u32, u64, Vec<Plot>);
 
-/// Follows the first plot of every look under the id 4.
-#[derive(Default)]
+/// Follows the first plot of every look, under an id that grows from one listener to the next.
 struct Listener {
     heard: Arc<Mutex<Vec<Heard>>>,
+    id: u64,
     tracks: Vec<Track>,
 }
 
@@ -34,7 +35,7 @@ impl Tracker for Listener {
         if let Some(plot) = plots.first() {
             let report_index = plot.report_index;
             self.tracks = vec![Track {
-                id: 4,
+                id: self.id,
                 status: Status::Confirmed,
                 time_s,
                 state: Vector4::new(plot.position_m.x, plot.position_m.y, 0.0, 0.0),
@@ -114,9 +115,13 @@ fn stage() -> Stage {
         (id("n2"), placement(10.0, quarter, 1e-2)),
         (id("n4"), placement(0.0, 0.0, 0.0)),
     ]);
-    let listener = Listener::default();
-    let heard = listener.heard.clone();
-    let people = People::with(&PeopleConfig::default(), Some(Box::new(listener)));
+    let heard: Arc<Mutex<Vec<Heard>>> = Arc::default();
+    let (told, made) = (heard.clone(), AtomicU64::new(4));
+    let make = move || -> Option<Box<dyn Tracker>> {
+        let id = made.fetch_add(1, Ordering::Relaxed);
+        Some(Box::new(Listener { heard: told.clone(), id, tracks: Vec::new() }))
+    };
+    let people = People::with(&PeopleConfig::default(), Box::new(make));
     let period = gather.period_at(CentreTime(6 * SECOND_NS + 30_000_000));
     Stage { gather, period, placements, people, heard }
 }
@@ -149,7 +154,7 @@ fn a_person_is_shown_with_those_who_contribute_lately() {
     let shown = people.shown();
     let [person] = &shown[..] else { panic!("{shown:?}") };
     assert_eq!(person.nodes, [id("n1"), id("n2")]);
-    assert_eq!((person.id, person.last.node.as_str(), person.last.sequence), (4, "n1", 11));
+    assert_eq!((person.id, person.last.node.as_str(), person.last.sequence), (0, "n1", 11));
     assert_eq!((person.last.point_index, person.time), (1, CentreTime(6_030_000_000)));
     people.config.contribution_s = 0.01;
     assert_eq!(people.shown()[0].nodes, [id("n1")], "n2 was 20 ms earlier");
@@ -163,9 +168,66 @@ fn ids_go_on_when_all_starts_over() {
     assert_eq!(people.shown().len(), 1);
     people.forget_old(CentreTime(10 * SECOND_NS), Duration::from_secs(3));
     assert!(people.shown().is_empty());
-    assert_eq!(people.first_id, 5);
-    people.start_over();
-    assert_eq!(people.first_id, 5);
+    people.take(period, &gather, &placements);
+    assert_eq!(people.shown()[0].id, 1);
+}
+
+/// `n2` comes in a period later: its set of the period before is looked at after all, and who was
+/// followed keeps the id.
+#[test]
+fn a_node_that_comes_in_is_heard_from_the_beginning() {
+    let Stage { mut gather, period, placements, mut people, heard } = stage();
+    let alone = BTreeMap::from([(id("n1"), placements[&id("n1")])]);
+    people.take(period, &gather, &alone);
+    let next = |name: &str| {
+        let mut later = set(name, 130, 1000, vec![point(0.0, 5.2, 20.0)]);
+        later.stamp.sequence = 12;
+        later
+    };
+    gather.offer(CentreTime(7 * SECOND_NS), next("n1"));
+    heard.lock().unwrap().clear();
+    people.take(period + 1, &gather, &placements);
+    let looks: Vec<u64> = heard.lock().unwrap().iter().map(|(_, _, look, _)| *look).collect();
+    assert_eq!(looks, [11, 11, 12], "n2, n1, then n1 again");
+    assert_eq!(people.shown()[0].id, 0);
+    heard.lock().unwrap().clear();
+    people.take(period + 1, &gather, &alone);
+    assert_eq!(heard.lock().unwrap().len(), 1, "who goes out is no reason to begin again");
+}
+
+#[test]
+fn people_keep_the_names_of_those_nearest() {
+    let track = |id: u64, x_m: f64| {
+        let mut listener = Listener { heard: Arc::default(), id, tracks: Vec::new() };
+        let plot = Plot {
+            position_m: Vector2::new(x_m, 0.0),
+            covariance_m2: Matrix2::identity(),
+            radial: None,
+            strength_db: None,
+            report_index: 0,
+        };
+        let coverage = Coverage {
+            area: Area::Everywhere,
+            detection_probability: 0.9,
+            minimum_detectable_m_per_s: None,
+        };
+        let look = Look {
+            time_s: 0.0,
+            sensor_index: 0,
+            look_index: 0,
+            platform: None,
+            coverage,
+            clutter_per_m2: 1.0,
+            plots: &[plot],
+        };
+        listener.look(&look).unwrap();
+        listener.tracks.remove(0)
+    };
+    let before = [(7, Vector2::new(0.0, 0.0)), (8, Vector2::new(1.0, 0.0))];
+    let tracks = [track(1, 0.6), track(2, 0.1), track(3, 2.0)];
+    let names = same_people(&before, &tracks);
+    // 2 is nearest to 7, then 1 to 8; 3 is too far from everybody.
+    assert_eq!(names, BTreeMap::from([(1, 8), (2, 7)]));
 }
 
 #[test]
