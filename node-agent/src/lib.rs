@@ -3,6 +3,7 @@
 pub mod cli;
 pub mod config;
 pub mod detect;
+pub mod gmti;
 pub mod group;
 pub mod imaging;
 pub mod lines;

@@ -1,0 +1,3 @@
+//! A wide-area radar: moving targets on the ground, seen from an aircraft, dwell by dwell.
+
+pub mod simulate;
