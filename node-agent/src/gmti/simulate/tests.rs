@@ -1,6 +1,6 @@
 //! Tests of whole simulations: geometry, statistics of the errors, who is seen, the presets.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use proto::geodesy::{EnuFrame, GeoPosition};
 use proto::ids::NodeId;
 use proto::wire::{Dwell, GeoRecord, Message};

@@ -80,7 +80,7 @@ impl WayPoint {
         Vector2::new(self.east_m, self.north_m)
     }
 
-    fn check(&self, field: &str, is_last: bool) -> Result<(), InvalidSetting> {
+    fn check(&self, field: &str) -> Result<(), InvalidSetting> {
         if !self.east_m.is_finite() || !self.north_m.is_finite() {
             return Err(invalid(field, self, "use places in metres"));
         }
@@ -91,10 +91,6 @@ impl WayPoint {
         if 0.0 < self.pause_s && 0.0 < self.turn_radius_m {
             let remedy = "pause at a point without turn_radius_m, before or after the turn";
             return Err(invalid(field, self, remedy));
-        }
-        let moves = 0.0 < self.speed_m_per_s && self.speed_m_per_s.is_finite();
-        if !moves && !is_last {
-            return Err(invalid(field, self, "use a positive speed_m_per_s from here on"));
         }
         Ok(())
     }
@@ -111,7 +107,12 @@ impl Way {
             return Err(invalid(field, points, "list at least one point and a time to start"));
         }
         for (index, point) in points.iter().enumerate() {
-            point.check(&format!("{field}[{index}]"), index + 1 == points.len())?;
+            let named = format!("{field}[{index}]");
+            point.check(&named)?;
+            let is_last = index + 1 == points.len();
+            if !is_last && !(f64::MIN_POSITIVE..=f64::MAX).contains(&point.speed_m_per_s) {
+                return Err(invalid(named, point, "use a positive speed_m_per_s from here on"));
+            }
         }
         let corners = corners(points, field)?;
         let mut way = Self { pieces: Vec::new() };

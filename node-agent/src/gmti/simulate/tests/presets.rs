@@ -39,7 +39,7 @@ fn three_targets_are_as_the_specification_says() {
     };
     let counts = [count(0), count(1), count(2)];
     // Links of consecutive reports: the prototypes had 146 per run.
-    let links: usize = counts.iter().map(|count| count - 1).sum();
+    let links: usize = counts.iter().map(|reports| reports - 1).sum();
     assert!((140..=150).contains(&links), "{counts:?}");
     // Their ways cross.
     let sites = |index: usize| {
