@@ -15,3 +15,4 @@ pub mod simulate_site;
 mod statistics;
 pub mod tracking;
 mod usable;
+pub mod wide;

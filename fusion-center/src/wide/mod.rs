@@ -1,1 +1,21 @@
-//! placeholder.
+//! Between a wide-area radar's dwells and looks in a local plane, and back from tracks to the earth.
+//!
+//! ```text
+//! Dwell ─ LocalFrame ─► OwnedLook ─► Tracker ─► Track ─ LocalFrame ─► PlacedTrack
+//! ```
+//!
+//! The plane touches the earth where the first dwell looked; places keep their height beside it. 100 km
+//! from there lengths are wrong by 1 in 8000 and north by half a degree, both of which the way back
+//! undoes.
+
+mod config;
+mod doppler;
+mod frame;
+mod look;
+#[cfg(test)]
+mod tests;
+
+pub use config::{InvalidWide, RadialConvention, WideConfig};
+pub use doppler::{DopplerSign, Verdict, doppler_sign};
+pub use frame::{LocalFrame, PlacedTrack};
+pub use look::{LookName, OwnedLook, own_look};
