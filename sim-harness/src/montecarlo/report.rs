@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::picture::Page;
 use super::score::{MethodScore, Reach};
-use super::sheet::{Sheet, document, write};
+use super::sheet::{Bar, Sheet, document, write};
 use super::{ConditionResult, Figure, Level};
 
 /// The solver that must reach the bars.
@@ -33,13 +33,6 @@ pub(crate) struct Report {
     pub(super) conditions: Vec<ConditionResult>,
     /// How long all of it took, seconds. Differs from run to run.
     pub(super) elapsed_s: f64,
-}
-
-/// What our own solver must reach.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Bar {
-    pub(super) text: String,
-    pub(super) is_met: bool,
 }
 
 impl Report {
@@ -125,11 +118,7 @@ impl Report {
                 result.condition.label, result.condition.published
             );
         }
-        for bar in self.bars() {
-            notes +=
-                &format!("bar: {}: {}\n", bar.text, if bar.is_met { "met" } else { "NOT met" });
-        }
-        notes
+        notes + &self.bars().iter().map(Bar::line).collect::<String>()
     }
 
     /// The document: the report and its bars.

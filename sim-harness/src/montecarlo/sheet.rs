@@ -15,6 +15,21 @@ use super::raster::Raster;
 
 pub(super) type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
+/// What a solver or a tracker of our own must reach.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Bar {
+    pub(super) text: String,
+    pub(super) is_met: bool,
+}
+
+impl Bar {
+    /// As people read it.
+    pub(super) fn line(&self) -> String {
+        let Self { text, is_met } = self;
+        format!("bar: {text}: {}\n", if *is_met { "met" } else { "NOT met" })
+    }
+}
+
 /// A picture that knows its size, pixels, and draws itself on anything.
 pub(super) trait Sheet {
     /// # Errors

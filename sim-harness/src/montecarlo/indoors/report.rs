@@ -6,9 +6,9 @@ use comfy_table::Table;
 use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use serde::Serialize;
 
-use super::super::mean_shift::summary::{Figure, Figures};
+use super::super::mean_shift::summary::Figures;
 use super::super::sheet::{document, write};
-use super::super::statistics::Proportion;
+use super::super::statistics::{Figure, Proportion};
 use super::trial::Outcome;
 use super::{LONGEST_FALSE_S, Settings};
 

@@ -6,7 +6,7 @@ use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use comfy_table::{CellAlignment, Table};
 use serde::Serialize;
 
-use super::super::sheet::{Sheet, document, write};
+use super::super::sheet::{Bar, Sheet, document, write};
 use super::picture::Page;
 use super::published::{Bounds, bounds};
 use super::summary::{Figure, Figures};
@@ -28,13 +28,6 @@ pub(crate) struct Report {
     pub(super) experiments: Vec<SceneResult>,
     /// How long all of it took, seconds. Differs from run to run.
     pub(super) elapsed_s: f64,
-}
-
-/// What the default tracker must reach in an experiment.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Bar {
-    pub(super) text: String,
-    pub(super) is_met: bool,
 }
 
 impl Report {
@@ -98,11 +91,7 @@ impl Report {
         for result in &self.experiments {
             notes += &format!("{}: {:.1} s\n", result.label, result.took_s);
         }
-        for bar in self.bars() {
-            notes +=
-                &format!("bar: {}: {}\n", bar.text, if bar.is_met { "met" } else { "NOT met" });
-        }
-        notes
+        notes + &self.bars().iter().map(Bar::line).collect::<String>()
     }
 
     /// The document: the report and its bars.

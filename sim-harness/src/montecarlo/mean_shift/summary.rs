@@ -1,35 +1,11 @@
 //! All trials of one tracker in one experiment: figures with their confidence intervals.
 
-use rand::rngs::ChaCha8Rng;
-use rand::{RngExt, SeedableRng};
 use serde::Serialize;
 
-use super::super::statistics::Proportion;
+pub(super) use super::super::statistics::Figure;
+use super::super::statistics::{Bootstrap, Proportion};
 use super::trial::Outcome;
 use crate::metrics::Score;
-
-/// Draws of the bootstrap: the ends of 95 % then differ by a few percent of the interval between
-/// seeds.
-const DRAW_COUNT: usize = 1000;
-
-/// A figure of all trials together.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(in super::super) struct Figure {
-    pub(in super::super) value: f64,
-    /// 95 % confidence interval, if there are several trials.
-    pub(in super::super) interval: Option<[f64; 2]>,
-}
-
-impl Figure {
-    /// As people read it.
-    pub(in super::super) fn text(&self, digits: usize) -> String {
-        let Self { value, interval } = self;
-        interval.map_or_else(
-            || format!("{value:.digits$}"),
-            |[low, high]| format!("{value:.digits$} ({low:.digits$}-{high:.digits$})"),
-        )
-    }
-}
 
 /// The figures of one tracker in one experiment; those of nothing are `None`.
 #[derive(Clone, Debug, Serialize)]
@@ -103,14 +79,9 @@ fn of_moment(score: Score) -> MomentFigures {
     }
 }
 
-/// The figures of these trials; the intervals follow from `seed`.
-pub(in super::super) fn figures(trials: &[Score], seed: u64) -> Figures {
-    let total: Score = trials.iter().copied().sum();
-    let draws = draws(trials, seed);
-    let figure = |of: &dyn Fn(&Score) -> Option<f64>| {
-        let interval = interval(draws.iter().filter_map(of).collect());
-        of(&total).map(|value| Figure { value, interval })
-    };
+fn figures(trials: &[Score], seed: u64) -> Figures {
+    let all = Bootstrap::new(trials, seed);
+    let figure = |of: &dyn Fn(&Score) -> Option<f64>| all.figure(of);
     let run_count = trials.len().max(1) as f64;
     let found = |score: &Score| {
         (0 < score.person_count).then(|| score.found_count as f64 / score.person_count as f64)
@@ -129,33 +100,17 @@ pub(in super::super) fn figures(trials: &[Score], seed: u64) -> Figures {
         found_share: figure(&found),
         nees: figure(&Score::nees),
         gospa_m: figure(&Score::gospa_m),
-        gospa_parts_m2: total.gospa_parts_m2(),
+        gospa_parts_m2: all.total.gospa_parts_m2(),
         ospa_m: figure(&Score::mean_ospa_m),
     }
-}
-
-/// As many trials drawn with replacement, added, again and again: frames of one trial depend on each
-/// other, trials do not.
-fn draws(trials: &[Score], seed: u64) -> Vec<Score> {
-    if trials.len() < 2 {
-        return Vec::new();
-    }
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut draw = || trials[rng.random_range(0..trials.len())];
-    (0..DRAW_COUNT).map(|_| (0..trials.len()).map(|_| draw()).sum()).collect()
-}
-
-/// Between which 95 % of the values are.
-fn interval(mut values: Vec<f64>) -> Option<[f64; 2]> {
-    values.sort_by(f64::total_cmp);
-    let cut = values.len() / 40;
-    Some([*values.get(cut)?, *values.get(values.len().checked_sub(cut + 1)?)?])
 }
 
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
 
+    use rand::SeedableRng;
+    use rand::rngs::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
