@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
 
-use crate::montecarlo::{self, indoors, mean_shift};
+use crate::montecarlo::{self, indoors, mean_shift, wide_area};
 use crate::moves::NodeMove;
 use crate::plan::merge;
 use crate::report::{Report, Summary};
@@ -108,6 +108,14 @@ enum OtherExperiment {
     Indoors {
         #[command(flatten)]
         experiment: indoors::Flags,
+        #[command(flatten)]
+        output: Output,
+    },
+    /// The experiments of the wide-area paper: a few targets on the ground seen from an aircraft, every
+    /// tracker on the same flights; and the load that many targets are.
+    WideArea {
+        #[command(flatten)]
+        experiment: wide_area::Flags,
         #[command(flatten)]
         output: Output,
     },
@@ -218,10 +226,13 @@ fn montecarlo(flags: &MonteCarloFlags, stop: &CancellationToken) -> anyhow::Resu
         Some(OtherExperiment::Indoors { experiment, output }) => {
             return rehearse(experiment, output, stop);
         }
+        Some(OtherExperiment::WideArea { experiment, output }) => {
+            return fly(experiment, output, stop);
+        }
         None => {}
     }
-    let figure =
-        flags.figure.as_ref().context("name a figure, such as fig6, or mean-shift or indoors")?;
+    let missing = "name a figure, such as fig6, or mean-shift, indoors or wide-area";
+    let figure = flags.figure.as_ref().context(missing)?;
     let experiment = montecarlo::Experiment::new(figure)?;
     let output = &flags.output;
     let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
@@ -249,6 +260,13 @@ fn rehearse(
     let experiment = indoors::Experiment::new(flags)?;
     let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
     let report = indoors::run(&experiment, &folder, stop)?;
+    output.print(&folder, report.json()?, &report.table())
+}
+
+fn fly(flags: &wide_area::Flags, output: &Output, stop: &CancellationToken) -> anyhow::Result<()> {
+    let experiment = wide_area::Experiment::new(flags)?;
+    let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
+    let report = wide_area::run(&experiment, &folder, stop)?;
     output.print(&folder, report.json()?, &report.table())
 }
 
@@ -332,6 +350,14 @@ mod tests {
         let Some(OtherExperiment::MeanShift { output, .. }) = flags.other else { panic!("no") };
         assert!(output.format.json && flags.figure.is_none());
         assert_eq!(output.folder, Some(PathBuf::from("f")));
+        let wide = "wide-area --scenario four-targets --variance 100,400 --rotated --modes nn --json";
+        let Some(OtherExperiment::WideArea { output: wide_output, .. }) =
+            parsed(wide).unwrap().other
+        else {
+            panic!("no")
+        };
+        assert!(wide_output.format.json);
+        assert!(parsed("wide-area --variance many").unwrap_err().contains("--variance"));
         assert!(parsed("mean-shift --solvers default").unwrap_err().contains("--solvers"));
         assert!(parsed("fig6 --trackers paper").unwrap_err().contains("--trackers"));
         assert!(parsed("fig6 mean-shift").is_err());

@@ -33,6 +33,7 @@ mod statistics;
 #[cfg(test)]
 mod tests;
 mod trials;
+pub(crate) mod wide_area;
 
 use echoes::Stage;
 pub(crate) use report::Report;

@@ -21,10 +21,13 @@ const SPEED_M_PER_S: f64 = 120.0;
 /// Scans of the load scenes.
 const LOAD_SCAN_COUNT: u32 = 30;
 const LOAD_PERIOD_S: f64 = 5.0;
-/// Half of the 800 km² over which they spread, metres.
+/// 1000 targets spread over 800 km², others over as much for each: half of its sides, metres.
 const LOAD_HALF_M: [f64; 2] = [20e3, 10e3];
-/// Vehicles of a convoy and their mean distance, metres.
-const CONVOY_COUNT: usize = 50;
+/// How far south of the middle of 800 km² the aircraft passes, metres.
+const LOAD_SOUTH_M: f64 = 40e3;
+/// Roads are so long, metres.
+const ROAD_M: f64 = 4e3;
+/// Mean distance of one vehicle to the next, of both lanes, metres.
 const HEADWAY_M: f64 = 150.0;
 /// Between the middles of two lanes, metres.
 const LANE_M: f64 = 4.0;
@@ -34,7 +37,8 @@ const LANE_M: f64 = 4.0;
 pub enum Layout {
     /// Anywhere, in any direction.
     Uniform,
-    /// In convoys on straight roads of two lanes, each at its own speed: they overtake.
+    /// In convoys on straight roads with a lane for each direction, each at its own speed: they
+    /// overtake.
     Roads,
 }
 
@@ -143,26 +147,31 @@ pub fn four_targets() -> Scene {
     }
 }
 
-/// `count` targets over 800 km²: detected with probability 0.9, variance 400 m² on both axes, radial
+/// `count` targets, 1000 in 800 km²: detected with probability 0.9, variance 400 m² on both axes, radial
 /// velocity to 1 m/s, no strength, 200 false plots per 1000 targets and scan.
 #[must_use]
 pub fn load(layout: Layout, count: usize, seed: u64) -> Scene {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(WAYS_STREAM);
+    let scale = (count as f64 / 1000.0).sqrt();
+    let half_m = LOAD_HALF_M.map(|half_m| half_m * scale);
     let targets = match layout {
-        Layout::Uniform => (0..count).map(|_| anywhere(&mut rng)).collect(),
-        Layout::Roads => on_roads(count, &mut rng),
+        Layout::Uniform => (0..count).map(|_| anywhere(half_m, &mut rng)).collect(),
+        Layout::Roads => on_roads(count, half_m, &mut rng),
     };
     let clutter = ClutterConfig {
         per_scan: 0.2 * count as f64,
-        east_half_m: LOAD_HALF_M[0],
-        north_half_m: LOAD_HALF_M[1],
-        radial_half_m_per_s: 25.0,
+        east_half_m: half_m[0],
+        north_half_m: half_m[1],
+        radial_half_m_per_s: 20.0,
         strength_db: 15.0,
     };
+    let duration_s = LOAD_PERIOD_S * f64::from(LOAD_SCAN_COUNT - 1);
+    // Those on the way out of the area are to be seen, too.
+    let extent_m = (20e3 * scale + 10e3).min(1e6);
     Scene {
-        platform: past_the_scene(40e3, LOAD_PERIOD_S * f64::from(LOAD_SCAN_COUNT - 1)),
-        scan: one_look(LOAD_PERIOD_S, LOAD_SCAN_COUNT, (25e3, 55.0)),
+        platform: past_the_scene(LOAD_SOUTH_M * scale.max(1.0), duration_s),
+        scan: one_look(LOAD_PERIOD_S, LOAD_SCAN_COUNT, (extent_m, 60.0)),
         noise: NoiseConfig { strength_sigma_db: None, ..noise(400.0, 400.0) },
         detection: DetectionConfig { probability: 0.9, minimum_m_per_s: 0.0 },
         clutter: Some(clutter),
@@ -170,8 +179,7 @@ pub fn load(layout: Layout, count: usize, seed: u64) -> Scene {
     }
 }
 
-fn place(rng: &mut ChaCha8Rng) -> Vector2<f64> {
-    let [east_m, north_m] = LOAD_HALF_M;
+fn place([east_m, north_m]: [f64; 2], rng: &mut ChaCha8Rng) -> Vector2<f64> {
     Vector2::new(rng.random_range(-east_m..east_m), rng.random_range(-north_m..north_m))
 }
 
@@ -189,23 +197,25 @@ fn straight(from_m: Vector2<f64>, velocity_m_per_s: Vector2<f64>) -> TargetConfi
     TargetConfig { from_s: 0.0, way, strength_db: 15.0 }
 }
 
-fn anywhere(rng: &mut ChaCha8Rng) -> TargetConfig {
-    let from_m = place(rng);
-    straight(from_m, direction(rng) * rng.random_range(5.0..25.0))
+fn anywhere(half_m: [f64; 2], rng: &mut ChaCha8Rng) -> TargetConfig {
+    let from_m = place(half_m, rng);
+    straight(from_m, direction(rng) * rng.random_range(5.0..20.0))
 }
 
-fn on_roads(count: usize, rng: &mut ChaCha8Rng) -> Vec<TargetConfig> {
+fn on_roads(count: usize, half_m: [f64; 2], rng: &mut ChaCha8Rng) -> Vec<TargetConfig> {
     let mut targets = Vec::with_capacity(count);
     while targets.len() < count {
-        let (mut at_m, along) = (place(rng), direction(rng));
-        let left = Vector2::new(-along.y, along.x);
-        for _ in 0..CONVOY_COUNT.min(count - targets.len()) {
+        let (middle_m, along) = (place(half_m, rng), direction(rng));
+        let right = Vector2::new(along.y, -along.x);
+        let mut at_m = -0.5 * ROAD_M;
+        while at_m < 0.5 * ROAD_M && targets.len() < count {
             let headway: f64 = Exp1.sample(rng);
-            at_m += along * HEADWAY_M * headway;
-            let lane_m = left * if rng.random_bool(0.5) { LANE_M } else { 0.0 };
+            at_m += HEADWAY_M * headway;
+            let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
             let deviation: f64 = StandardNormal.sample(rng);
-            let speed_m_per_s = (15.0 + 3.0 * deviation).clamp(6.0, 27.0);
-            targets.push(straight(at_m + lane_m, along * speed_m_per_s));
+            let velocity = along * side * (15.0 + 2.5 * deviation).max(5.0);
+            let from_m = middle_m + along * at_m + right * (side * 0.5 * LANE_M);
+            targets.push(straight(from_m, velocity));
         }
     }
     targets

@@ -371,7 +371,7 @@ fn a_scene_that_no_message_holds_is_refused_until_it_is_scanned_by_more_beams() 
         ..SimulatedGmtiConfig::default()
     };
     assert!(config.scene().check_message().unwrap_err().remedy.contains("beam"));
-    let beam = BeamConfig { width_deg: 11.0, step_deg: 11.0, dwell_s: 0.4, alternates: false };
+    let beam = BeamConfig { width_deg: 12.0, step_deg: 12.0, dwell_s: 0.4, alternates: false };
     let scan = ScanConfig { beam: Some(beam), ..config.scene().scan };
     let scanned = SimulatedGmtiConfig { scan: Some(scan), ..config };
     scanned.scene().check_message().unwrap();

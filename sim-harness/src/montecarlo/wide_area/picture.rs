@@ -31,6 +31,8 @@ const LIGHT_GREY: RGBColor = RGBColor(228, 228, 228);
 const RED: RGBColor = RGBColor(220, 30, 30);
 /// At this size the library's guess of a text's width holds the widest letters of the raster.
 const LEGEND_SIZE: u32 = 16;
+/// Share of the curves' height that the legend needs more.
+const LEGEND_SHARE: f64 = 0.5;
 /// Trials drawn one by one, as figure 8 has them.
 const SHOWN_TRIAL_COUNT: usize = 100;
 
@@ -154,10 +156,18 @@ fn panel<'a, B: DrawingBackend>(
         .x_desc("east, m")
         .x_labels(5)
         .y_labels(5)
+        .x_label_formatter(&whole)
+        .y_label_formatter(&whole)
         .light_line_style(WHITE)
         .bold_line_style(LIGHT_GREY)
         .draw()?;
     Ok(chart)
+}
+
+/// Without digits behind the point.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the library asks for it")]
+fn whole(value: &f64) -> String {
+    format!("{value:.0}")
 }
 
 fn line(way_m: &[[f64; 2]]) -> Vec<(f64, f64)> {
@@ -237,7 +247,9 @@ impl<'a> Comparison<'a> {
         };
         let all = (0..modes.len())
             .flat_map(|index| self.conditions.iter().filter_map(move |one| value(index, one)));
-        let reach = reach(all.collect());
+        let mut reach = reach(all.collect());
+        // The legend stands above the curves.
+        reach.end += LEGEND_SHARE * (reach.end - reach.start);
         let last = (self.conditions.len() as f64 - 1.0).max(0.0);
         let mut chart = ChartBuilder::on(place)
             .caption(title, ("sans-serif", 16).into_font())
@@ -288,7 +300,7 @@ fn reach(values: Vec<f64>) -> Range<f64> {
 fn legend<'a, B: DrawingBackend + 'a>(chart: &mut Chart<'a, B>) -> Drawn<B> {
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::MiddleLeft)
+        .position(SeriesLabelPosition::UpperLeft)
         .background_style(WHITE.mix(0.9))
         .border_style(GREY)
         .label_font(("sans-serif", LEGEND_SIZE).into_font())
