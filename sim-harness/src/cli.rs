@@ -350,7 +350,8 @@ mod tests {
         let Some(OtherExperiment::MeanShift { output, .. }) = flags.other else { panic!("no") };
         assert!(output.format.json && flags.figure.is_none());
         assert_eq!(output.folder, Some(PathBuf::from("f")));
-        let wide = "wide-area --scenario four-targets --variance 100,400 --rotated --modes nn --json";
+        let wide =
+            "wide-area --scenario four-targets --variance 100,400 --rotated --modes nn --json";
         let Some(OtherExperiment::WideArea { output: wide_output, .. }) =
             parsed(wide).unwrap().other
         else {

@@ -65,7 +65,9 @@ impl Case {
     /// Everybody who is there.
     pub(super) fn truths(&self, time_s: f64) -> Vec<Truth<u32>> {
         let states = self.radar.truths(time_s).into_iter();
-        states.map(|state| Truth { id: state.index, at_m: state.motion.position_m.into() }).collect()
+        states
+            .map(|state| Truth { id: state.index, at_m: state.motion.position_m.into() })
+            .collect()
     }
 
     /// How many targets the scene has.

@@ -57,7 +57,8 @@ pub(super) struct ScanTimes {
 impl ScanTimes {
     /// Of these scans; zero of none.
     fn new(times: &[Duration]) -> Self {
-        let mut ascending_ms: Vec<f64> = times.iter().map(|time| time.as_secs_f64() * 1e3).collect();
+        let mut ascending_ms: Vec<f64> =
+            times.iter().map(|time| time.as_secs_f64() * 1e3).collect();
         ascending_ms.sort_by(f64::total_cmp);
         let count = ascending_ms.len();
         let at = |index: usize| ascending_ms.get(index).copied().unwrap_or(0.0);
@@ -101,7 +102,8 @@ pub(super) fn run(
     let sample = |sampler: &mut Sampler| {
         sampler.sample(std::iter::once(("harness", std::process::id())));
     };
-    let (mut tally, mut took, mut plot_count, mut scan_count) = (Tally::default(), Vec::new(), 0, 0);
+    let (mut tally, mut took, mut plot_count, mut scan_count) =
+        (Tally::default(), Vec::new(), 0, 0);
     for (index, seed) in seeds.iter().enumerate() {
         ensure!(!stop.is_cancelled(), "stopped before the end");
         let case = Case::new(&spread.config(target_count, *seed))?;

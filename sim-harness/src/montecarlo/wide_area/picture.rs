@@ -68,8 +68,10 @@ impl Sample {
     fn extent_m(&self) -> [Range<f64>; 2] {
         let span = |axis: usize| {
             let values = || self.truths_m.iter().flatten().map(|at_m| at_m[axis]);
-            let (low, high) =
-                (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+            let (low, high) = (
+                values().fold(f64::INFINITY, f64::min),
+                values().fold(f64::NEG_INFINITY, f64::max),
+            );
             let margin = 0.08 * (high - low).max(100.0);
             low - margin..high + margin
         };
@@ -129,7 +131,8 @@ impl Sheet for WaysPage<'_> {
         let (heading, rest) = area.split_vertically(HEADING_PIXELS);
         heading.titled(&self.heading, ("sans-serif", 22).into_font())?;
         let panels = rest.split_evenly((self.rows.len(), self.columns().max(2)));
-        for ((label, sample), places) in self.rows.iter().zip(panels.chunks(self.columns().max(2))) {
+        for ((label, sample), places) in self.rows.iter().zip(panels.chunks(self.columns().max(2)))
+        {
             draw_truths(&places[0], label, sample)?;
             for ((name, ways), place) in sample.tracks.iter().zip(&places[1..]) {
                 draw_tracks(place, &format!("{name}, {label}"), (sample, ways))?;
@@ -258,7 +261,8 @@ impl<'a> Comparison<'a> {
             .y_label_area_size(60)
             .build_cartesian_2d(-0.3..last + 0.3, reach)?;
         let label = |x: &f64| {
-            let nearest = self.conditions.iter().zip(0..).find(|(_, at)| (x - f64::from(*at)).abs() < 0.05);
+            let nearest =
+                self.conditions.iter().zip(0..).find(|(_, at)| (x - f64::from(*at)).abs() < 0.05);
             let variance = nearest.and_then(|(condition, _)| condition.variance_m2);
             variance.map_or_else(String::new, |variance_m2| variance_m2.to_string())
         };
@@ -322,8 +326,7 @@ impl Sheet for Comparison<'_> {
         let places = singles.split_evenly((self.conditions.len(), 2));
         for (condition, place) in self.conditions.iter().zip(places.chunks(2)) {
             let label = &condition.label;
-            let links =
-                |tally: &Tally| tally.links.right_link_rate().map(|share| 100.0 * share);
+            let links = |tally: &Tally| tally.links.right_link_rate().map(|share| 100.0 * share);
             draw_trials(&place[0], &format!("right links, %, {label}"), condition, links)?;
             let squares = |tally: &Tally| tally.mean_square_m2().map(f64::log10);
             let title = format!("log10 of mean square error, m2, {label}");

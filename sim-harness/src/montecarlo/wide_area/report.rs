@@ -108,7 +108,8 @@ impl Report {
             "us per look",
         ];
         let rows = self.conditions.iter().flat_map(|result| {
-            let labels = std::iter::once(result.label.clone()).chain(std::iter::repeat(String::new()));
+            let labels =
+                std::iter::once(result.label.clone()).chain(std::iter::repeat(String::new()));
             labels.zip(&result.entrants).map(|(label, one)| row(label, one))
         });
         table(&header, rows)
@@ -122,7 +123,8 @@ impl Report {
             "mean square error: win/tie/loss",
         ];
         let rows = self.conditions.iter().flat_map(|result| {
-            let labels = std::iter::once(result.label.clone()).chain(std::iter::repeat(String::new()));
+            let labels =
+                std::iter::once(result.label.clone()).chain(std::iter::repeat(String::new()));
             labels.zip(&result.duels).map(|(label, duel)| {
                 let who = format!("{} : {}", duel.one.name(), duel.other.name());
                 vec![label, who, duel.right_links.text(), duel.mean_square.text()]

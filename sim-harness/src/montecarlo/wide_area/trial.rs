@@ -84,7 +84,8 @@ impl Sum for Tally {
 }
 
 fn link_counts<S: Serializer>(links: &Links, serializer: S) -> Result<S::Ok, S::Error> {
-    let Links { track_count, update_count, clutter_count, link_count, right_link_count, .. } = *links;
+    let Links { track_count, update_count, clutter_count, link_count, right_link_count, .. } =
+        *links;
     let counts = [
         ("track_count", track_count),
         ("update_count", update_count),
