@@ -167,8 +167,8 @@ fn the_sector_is_what_the_dwell_says_it_saw() {
         let place = frame.place(&at_m, 1050.0).unwrap();
         let seen = here.look_at(&position(&place));
         let off_deg = (seen.azimuth_deg - center.azimuth_deg + 180.0).rem_euclid(360.0) - 180.0;
-        let ground_m = |look: &proto::geodesy::Look| {
-            look.slant_range_m * look.elevation_deg.to_radians().cos()
+        let ground_m = |from: &proto::geodesy::Look| {
+            from.slant_range_m * from.elevation_deg.to_radians().cos()
         };
         let far_m = ground_m(&seen) - ground_m(&center);
         if (off_deg.abs() - 10.0).abs() < 0.01 || (far_m.abs() - 6000.0).abs() < 5.0 {
@@ -231,12 +231,12 @@ fn reports_from_right_under_the_sensor_are_left_out_and_wrong_places_refused() {
 fn beams_are_counted_by_their_width_from_the_direction_of_flight() {
     let mut dwell = dwell();
     let here = EnuFrame::new(position(&dwell.sensor));
-    let beam = |azimuth_deg: f64, dwell: &mut Dwell| {
+    let beam = |azimuth_deg: f64, turned: &mut Dwell| {
         let (sin, cos) = azimuth_deg.to_radians().sin_cos();
         let place = here.to_geo(&Vector3::new(2e4 * sin, 2e4 * cos, -6e3).into()).unwrap();
-        dwell.area.center = geo(place.lat_deg(), place.lon_deg(), place.height_m());
-        dwell.area.angle_half_extent_deg = 1.0;
-        own(dwell).1.platform.beam_index
+        turned.area.center = geo(place.lat_deg(), place.lon_deg(), place.height_m());
+        turned.area.angle_half_extent_deg = 1.0;
+        own(turned).1.platform.beam_index
     };
     assert_eq!(beam(70.0 - 91.0, &mut dwell), Some(45));
     assert_eq!(beam(70.0 - 93.0, &mut dwell), Some(46));

@@ -99,9 +99,7 @@ pub(super) fn run(
     stop: &CancellationToken,
 ) -> anyhow::Result<LoadResult> {
     let mut sampler = Sampler::new()?;
-    let sample = |sampler: &mut Sampler| {
-        sampler.sample(std::iter::once(("harness", std::process::id())));
-    };
+    let this = [("harness", std::process::id())];
     let (mut tally, mut took, mut plot_count, mut scan_count) =
         (Tally::default(), Vec::new(), 0, 0);
     for (index, seed) in seeds.iter().enumerate() {
@@ -110,13 +108,13 @@ pub(super) fn run(
         plot_count += case.looks.iter().map(|look| look.plots.len()).sum::<usize>();
         scan_count += case.looks.len();
         if index == 0 {
-            sample(&mut sampler);
+            sampler.sample(this.into_iter());
         }
         let outcome = play(&case, mode.tracker(Rules::Own)?.as_mut(), None)?;
         tally = tally + outcome.tally;
         took.extend(outcome.took.into_iter().skip(FIRST_SCAN_COUNT));
         if index == 0 {
-            sample(&mut sampler);
+            sampler.sample(this.into_iter());
         }
         tracing::info!(mode = mode.name(), spread = spread.name(), target_count, index, "followed");
     }

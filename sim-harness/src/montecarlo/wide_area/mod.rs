@@ -143,7 +143,7 @@ impl Experiment {
         let conditions = match scenario {
             Scenario::Load => Vec::new(),
             Scenario::ThreeTargets => vec![three()],
-            Scenario::FourTargets => four(&flags.variances_m2, rotated)?,
+            Scenario::FourTargets => four(flags)?,
         };
         let loads = if is_load { loads(&flags.targets, &flags.spread)? } else { Vec::new() };
         Ok(Self { scenario, conditions, loads, trial_count, seed, entrants })
@@ -228,8 +228,9 @@ fn three() -> Condition {
     Condition { label, variance_m2: None, config, rules: Rules::Own }
 }
 
-fn four(variances_m2: &[u32], rotated: bool) -> anyhow::Result<Vec<Condition>> {
-    let chosen = if variances_m2.is_empty() { &VARIANCES_M2[..] } else { variances_m2 };
+fn four(flags: &Flags) -> anyhow::Result<Vec<Condition>> {
+    let (rotated, stated) = (flags.rotated, &flags.variances_m2[..]);
+    let chosen = if stated.is_empty() { &VARIANCES_M2[..] } else { stated };
     let condition = |variance_m2: &u32| {
         if !(1..=MAX_VARIANCE_M2).contains(variance_m2) {
             bail!("--variance is {variance_m2}: use 1 to {MAX_VARIANCE_M2} square metres");

@@ -275,14 +275,13 @@ fn table(header: &[&str], rows: impl Iterator<Item = Vec<String>>) -> Table {
 fn row(label: String, one: &EntrantResult) -> Vec<String> {
     let figures = &one.figures;
     let text = |figure: Option<Figure>, scale: f64, digits: usize| {
-        let scaled = |figure: Figure| Figure {
-            value: scale * figure.value,
-            interval: figure.interval.map(|ends| ends.map(|end| scale * end)),
-        };
-        figure.map_or_else(String::new, |figure| scaled(figure).text(digits))
+        figure.map_or_else(String::new, |known| {
+            let interval = known.interval.map(|ends| ends.map(|end| scale * end));
+            Figure { value: scale * known.value, interval }.text(digits)
+        })
     };
     let value = |figure: Option<Figure>, scale: f64, digits: usize| {
-        figure.map_or_else(String::new, |figure| format!("{:.digits$}", scale * figure.value))
+        figure.map_or_else(String::new, |known| format!("{:.digits$}", scale * known.value))
     };
     vec![
         label,

@@ -1,7 +1,10 @@
 //! Tests of whole experiments, and of what is counted by trackers that know the truth.
 
 use clap::Parser;
-use fusion_center::tracking::{Area, Look, LookError, ReportId, Settled, Status, Track, Tracker};
+use fusion_center::tracking::{
+    Area, Look, LookError, Plot, ReportId, Settled, Status, Track, Tracker,
+};
+use fusion_center::wide::{LookName, OwnedLook};
 use nalgebra::{Matrix4, Vector4};
 use node_agent::gmti::simulate::NoiseConfig;
 
@@ -36,7 +39,7 @@ fn timeless(mut report: Report) -> String {
     report.json().unwrap()
 }
 
-fn figures<'a>(report: &'a Report, condition: usize, mode: Entrant) -> &'a Figures {
+fn figures(report: &Report, condition: usize, mode: Entrant) -> &Figures {
     let entrants = &report.conditions[condition].entrants;
     &entrants.iter().find(|one| one.mode == mode).unwrap().figures
 }
@@ -142,6 +145,12 @@ fn a_swap_costs_two_links_and_half_of_two_identities_and_the_distance() {
     assert!((tally.nees_per_dimension().unwrap() - 1.0).abs() < 0.08);
 }
 
+/// Of which target a plot is.
+fn target(case: &Case, look: &OwnedLook, plot: &Plot) -> Option<u32> {
+    let LookName { sensor_index, look_index } = look.name;
+    case.target_of(ReportId { sensor_index, look_index, report_index: plot.report_index })
+}
+
 /// Simulated, sent as latitude and longitude, and back: for every scene and far from the origin, too.
 #[test]
 fn places_come_through_dwell_and_look_to_a_millimetre() {
@@ -161,12 +170,10 @@ fn places_come_through_dwell_and_look_to_a_millimetre() {
             else {
                 panic!("no sector")
             };
-            for plot in &look.plots {
-                let report_index = plot.report_index;
-                let name = look.name.look_index;
-                let report = ReportId { sensor_index: 0, look_index: name, report_index };
-                let Some(target) = case.target_of(report) else { continue };
-                let true_m = case.place_m(target, look.time_s).unwrap();
+            let known =
+                look.plots.iter().filter_map(|plot| Some((plot, target(&case, look, plot)?)));
+            for (plot, of) in known {
+                let true_m = case.place_m(of, look.time_s).unwrap();
                 assert!((plot.position_m - true_m).norm() < MILLIMETRE, "{preset:?} {plot:?}");
                 let line_m = plot.position_m - origin_m;
                 let off_rad = line_m.y.atan2(line_m.x) - direction_rad;
@@ -185,11 +192,8 @@ fn radial_velocities_come_through_as_direction_times_velocity() {
     let case = Case::new(&config).unwrap();
     for look in &case.looks {
         for plot in &look.plots {
-            let report_index = plot.report_index;
-            let look_index = look.name.look_index;
-            let report = ReportId { sensor_index: 0, look_index, report_index };
-            let target = case.target_of(report).unwrap();
-            let at = |time_s: f64| case.place_m(target, time_s);
+            let of = target(&case, look, plot).unwrap();
+            let at = |time_s: f64| case.place_m(of, time_s);
             let (Some(before), Some(after)) = (at(look.time_s - 0.5), at(look.time_s + 0.5)) else {
                 continue;
             };
@@ -241,9 +245,8 @@ fn records_count_by_hand() {
     let record = |pairs: &[(f64, f64)]| {
         let outcomes = pairs.iter().map(|(one, other)| outcome_with(*one, *other));
         let (ones, others): (Vec<Outcome>, Vec<Outcome>) = outcomes.unzip();
-        let result = |mode, outcomes: &[Outcome]| {
-            EntrantResult::new(mode, &outcomes.iter().collect::<Vec<_>>(), 1)
-        };
+        let result =
+            |mode, of: &[Outcome]| EntrantResult::new(mode, &of.iter().collect::<Vec<_>>(), 1);
         duels(&[result(Entrant::Paper, &ones), result(Entrant::Nn, &others)])[0].mean_square
     };
     let got = record(&[(1.0, 2.0), (3.0, 2.0), (2.0, 2.0), (1.0, 9.0)]);
