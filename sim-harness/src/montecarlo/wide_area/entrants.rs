@@ -47,14 +47,33 @@ impl Entrant {
     /// If its settings make no sense, which the usual ones do not.
     pub(super) fn tracker(self, rules: Rules) -> anyhow::Result<Box<dyn Tracker>> {
         let config = match rules {
-            Rules::Published => PaperConfig::published_experiment(),
+            Rules::Published => PaperConfig::published_tracks(),
             Rules::Own => PaperConfig::default(),
         };
-        Ok(match self {
-            Self::Default => Box::new(DefaultTracker::new(DefaultConfig::wide_area())?),
-            Self::Paper => Box::new(PaperTracker::new(Mode::Paper, &config)?),
-            Self::Nn => Box::new(PaperTracker::new(Mode::Nearest, &config)?),
-            Self::Belief => Box::new(PaperTracker::new(Mode::Belief, &config)?),
-        })
+        match self.published() {
+            None => Ok(Box::new(DefaultTracker::new(DefaultConfig::wide_area())?)),
+            Some(mode) => Ok(Box::new(PaperTracker::new(mode, &config)?)),
+        }
+    }
+
+    /// One that joins the plots of each look to those of the look before, whatever tracks they belong
+    /// to, as the published rates of right links have it; `None` where its tracks do that.
+    ///
+    /// # Errors
+    /// If its settings make no sense, which the usual ones do not.
+    pub(super) fn linker(self, rules: Rules) -> anyhow::Result<Option<Box<dyn Tracker>>> {
+        let Some(mode) = self.published().filter(|_| rules == Rules::Published) else {
+            return Ok(None);
+        };
+        Ok(Some(Box::new(PaperTracker::new(mode, &PaperConfig::published_links())?)))
+    }
+
+    fn published(self) -> Option<Mode> {
+        match self {
+            Self::Default => None,
+            Self::Paper => Some(Mode::Paper),
+            Self::Nn => Some(Mode::Nearest),
+            Self::Belief => Some(Mode::Belief),
+        }
     }
 }

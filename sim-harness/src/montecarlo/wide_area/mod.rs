@@ -194,10 +194,15 @@ impl Experiment {
         let work = Work { count: self.trial_count, label: "wide area", stop };
         let (trials, took) = work.each(&condition.label, |trial| {
             let case = Case::new(&self.config(condition, trial))?;
-            let play = |entrant: &Entrant| {
-                play(&case, entrant.tracker(condition.rules)?.as_mut(), Some(SETTINGS))
+            let play_one = |entrant: &Entrant| {
+                let mut tracker = entrant.tracker(condition.rules)?;
+                let mut outcome = play(&case, tracker.as_mut(), Some(SETTINGS))?;
+                if let Some(mut linker) = entrant.linker(condition.rules)? {
+                    outcome.tally.plot_links = play(&case, linker.as_mut(), None)?.tally.links;
+                }
+                Ok(outcome)
             };
-            self.entrants.iter().map(play).collect::<anyhow::Result<Vec<Outcome>>>()
+            self.entrants.iter().map(play_one).collect::<anyhow::Result<Vec<Outcome>>>()
         })?;
         let first = Case::new(&self.config(condition, 0))?;
         let of = |index: usize| -> Vec<&Outcome> { trials.iter().map(|all| &all[index]).collect() };

@@ -326,7 +326,8 @@ impl Sheet for Comparison<'_> {
         let places = singles.split_evenly((self.conditions.len(), 2));
         for (condition, place) in self.conditions.iter().zip(places.chunks(2)) {
             let label = &condition.label;
-            let links = |tally: &Tally| tally.links.right_link_rate().map(|share| 100.0 * share);
+            let links =
+                |tally: &Tally| tally.plot_links.right_link_rate().map(|share| 100.0 * share);
             draw_trials(&place[0], &format!("right links, %, {label}"), condition, links)?;
             let squares = |tally: &Tally| tally.mean_square_m2().map(f64::log10);
             let title = format!("log10 of mean square error, m2, {label}");

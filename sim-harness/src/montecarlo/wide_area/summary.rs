@@ -65,8 +65,8 @@ fn figures(trials: &[Tally], seed: u64) -> Figures {
     let of_score =
         |of: fn(&Score) -> Option<f64>| all.figure(move |tally: &Tally| of(&tally.score));
     Figures {
-        right_links: all.figure(|tally| tally.links.right_link_rate()),
-        link_count: all.total.links.link_count,
+        right_links: all.figure(|tally| tally.plot_links.right_link_rate()),
+        link_count: all.total.plot_links.link_count,
         identity: all.figure(|tally| tally.links.identity_rate()),
         purity: all.figure(|tally| tally.links.purity()),
         rmse_m: all.figure(Tally::rmse_m),
@@ -137,7 +137,7 @@ pub(super) fn duels(entrants: &[EntrantResult]) -> Vec<Duel> {
 fn duel(one: &EntrantResult, other: &EntrantResult) -> Duel {
     let trials = || one.trials.iter().zip(&other.trials);
     // Who has no track at all is worse than anybody.
-    let links = |tally: &Tally| tally.links.right_link_rate().unwrap_or(-1.0);
+    let links = |tally: &Tally| tally.plot_links.right_link_rate().unwrap_or(-1.0);
     let closeness = |tally: &Tally| -tally.mean_square_m2().unwrap_or(f64::INFINITY);
     Duel {
         one: one.mode,

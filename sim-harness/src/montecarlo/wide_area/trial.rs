@@ -23,6 +23,10 @@ const ORIGIN: Origin = Origin::MajorityOf(3);
 pub(super) struct Tally {
     #[serde(serialize_with = "link_counts")]
     pub(super) links: Links,
+    /// By which right links are counted: those of the tracks, or, where that is another thing, of all
+    /// plots with those of the look before.
+    #[serde(serialize_with = "link_counts")]
+    pub(super) plot_links: Links,
     /// Squared errors of smoothed places against the target to which the track belonged at its origin,
     /// at plots, square metres.
     pub(super) smoothed_m2: f64,
@@ -67,6 +71,7 @@ impl Add for Tally {
     fn add(self, other: Self) -> Self {
         Self {
             links: [self.links, other.links].into_iter().sum(),
+            plot_links: [self.plot_links, other.plot_links].into_iter().sum(),
             smoothed_m2: self.smoothed_m2 + other.smoothed_m2,
             filtered_m2: self.filtered_m2 + other.filtered_m2,
             error_count: self.error_count + other.error_count,
@@ -161,7 +166,8 @@ fn estimates(tracks: &[Track]) -> Vec<Estimate<u64>> {
 
 fn tally(case: &Case, settled: &[Settled]) -> Tally {
     let target_of = |report: ReportId| case.target_of(report);
-    let mut tally = Tally { links: links(settled, ORIGIN, target_of), ..Tally::default() };
+    let counted = links(settled, ORIGIN, target_of);
+    let mut tally = Tally { links: counted, plot_links: counted, ..Tally::default() };
     let origins = origins(case, settled);
     for step in settled {
         let Some(target) = origins.get(&step.track).copied().flatten() else { continue };
