@@ -173,8 +173,9 @@ impl Report {
         let Settings { gate_m, allowance_s, gospa_cutoff_m, .. } = self.settings;
         let mut notes = format!(
             "right links: consecutive plots of a track (of the published methods: every plot and the one \
-             that it is joined to) that are of the same target; identity: plots of the target that most of the track's first three were of; RMSE: against that target; NEES: \
-             1 if covariances are true. At once: missed: nobody within {gate_m} m, from \
+             that it is joined to) that are of the same target; identity: plots of the target that \
+             most of the track's first three were of; RMSE: against that target; NEES: 1 if \
+             covariances are true. At once: missed: nobody within {gate_m} m, from \
              {allowance_s} s on; GOSPA: p 2, alpha 2, c {gospa_cutoff_m} m\n"
         );
         if !self.loads.is_empty() {

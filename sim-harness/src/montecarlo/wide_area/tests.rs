@@ -263,8 +263,8 @@ fn outcome_with(one_m2: f64, other_m2: f64) -> (Outcome, Outcome) {
     (of(one_m2), of(other_m2))
 }
 
-/// The same to the last digit on any number of threads. 30 trials at variance 400 and 3300: paper 94.9
-/// and 80.7 % of links, nn 87.9 and 75.4 %, belief 85.9 and 72.1 %; the bounds are five points around.
+/// The same to the last digit on any number of threads. 500 trials at variance 400 and 3300 gave paper
+/// 94.7 and 79.5 % of links, nn 88.6 and 72.9 %, belief 84.9 and 68.7 %; the bounds are five points around.
 #[test]
 fn the_published_order_comes_out_and_is_the_same_whatever_the_threads() {
     let words = "--trials 30 --variance 400,3300 --modes paper,nn,belief --seed 5";
@@ -274,7 +274,7 @@ fn the_published_order_comes_out_and_is_the_same_whatever_the_threads() {
     };
     let (one, three) = (on(1), on(3));
     let modes = [Entrant::Paper, Entrant::Nn, Entrant::Belief];
-    for (condition, least) in [(0, [0.90, 0.83, 0.81]), (1, [0.76, 0.70, 0.67])] {
+    for (condition, least) in [(0, [0.90, 0.84, 0.80]), (1, [0.75, 0.68, 0.64])] {
         let links = modes.map(|mode| figures(&one, condition, mode).right_links.unwrap().value);
         assert!(links[0] > links[1] && links[1] > links[2], "{links:?}");
         let is_near =
