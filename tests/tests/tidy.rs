@@ -25,6 +25,7 @@ const PURE: &[&str] = &[
     "node-agent/src/detect/",
     "node-agent/src/group/",
     "node-agent/src/simulate/",
+    "node-agent/src/gmti/simulate/",
     "node-agent/src/tracking/",
     "node-agent/src/plot/",
     "node-agent/src/pipeline.rs",
@@ -38,6 +39,7 @@ const PURE: &[&str] = &[
     "fusion-center/src/usable.rs",
     "fusion-center/src/pipeline/",
     "fusion-center/src/fuse.rs",
+    "fusion-center/src/wide/",
     "sim-harness/src/metrics/",
 ];
 const IMPURE_WORDS: [&str; 8] = [

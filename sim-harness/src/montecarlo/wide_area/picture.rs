@@ -32,7 +32,7 @@ const RED: RGBColor = RGBColor(220, 30, 30);
 /// At this size the library's guess of a text's width holds the widest letters of the raster.
 const LEGEND_SIZE: u32 = 16;
 /// Share of the curves' height that the legend needs more.
-const LEGEND_SHARE: f64 = 0.5;
+const LEGEND_SHARE: f64 = 0.7;
 /// Trials drawn one by one, as figure 8 has them.
 const SHOWN_TRIAL_COUNT: usize = 100;
 
