@@ -194,15 +194,8 @@ impl Experiment {
         let work = Work { count: self.trial_count, label: "wide area", stop };
         let (trials, took) = work.each(&condition.label, |trial| {
             let case = Case::new(&self.config(condition, trial))?;
-            let play_one = |entrant: &Entrant| {
-                let mut tracker = entrant.tracker(condition.rules)?;
-                let mut outcome = play(&case, tracker.as_mut(), Some(SETTINGS))?;
-                if let Some(mut linker) = entrant.linker(condition.rules)? {
-                    outcome.tally.plot_links = play(&case, linker.as_mut(), None)?.tally.links;
-                }
-                Ok(outcome)
-            };
-            self.entrants.iter().map(play_one).collect::<anyhow::Result<Vec<Outcome>>>()
+            let follow_one = |entrant: &Entrant| follow(&case, *entrant, condition.rules);
+            self.entrants.iter().map(follow_one).collect::<anyhow::Result<Vec<Outcome>>>()
         })?;
         let first = Case::new(&self.config(condition, 0))?;
         let of = |index: usize| -> Vec<&Outcome> { trials.iter().map(|all| &all[index]).collect() };
@@ -225,6 +218,15 @@ impl Experiment {
         let seed = trial_seed(self.seed, trial);
         SimulatedGmtiConfig { seed, ..condition.config.clone() }
     }
+}
+
+/// One tracker on one flight; a second time where its right links are those of all plots.
+fn follow(case: &Case, entrant: Entrant, rules: Rules) -> anyhow::Result<Outcome> {
+    let mut outcome = play(case, entrant.tracker(rules)?.as_mut(), Some(SETTINGS))?;
+    if let Some(mut linker) = entrant.linker(rules)? {
+        outcome.tally.plot_links = play(case, linker.as_mut(), None)?.tally.links;
+    }
+    Ok(outcome)
 }
 
 fn three() -> Condition {
