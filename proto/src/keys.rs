@@ -9,6 +9,7 @@
 //! transmural/1/{site}/down/clock/{node}   centre to agent   the answer
 //! transmural/1/{site}/down/tf/{node}      centre to all     transform, last one kept for late joiners
 //! transmural/1/{site}/down/picture        centre to all     picture, last one kept
+//! transmural/1/{site}/down/map            centre to all     targets of wide-area radars, last one kept
 //! transmural/1/{site}/ops/command         operator to centre
 //! transmural/1/{site}/ops/answer/{boot}   centre to the operator whose command had this boot id
 //! transmural/1/{site}/sweeps/{node}       a radar's driver to its agent, over a link of their own
@@ -43,6 +44,8 @@ pub enum Topic {
     Transform(NodeId),
     /// The fused picture.
     Picture,
+    /// The targets of wide-area radars.
+    MapTracks,
     /// Operators' commands.
     Command,
     /// The centre's answer to the operator with this boot id.
@@ -76,6 +79,8 @@ pub enum Pattern {
     AllTransforms,
     /// The fused picture.
     Picture,
+    /// The targets of wide-area radars.
+    MapTracks,
     /// Operators' commands.
     Command,
     /// The centre's answer to one operator.
@@ -121,6 +126,7 @@ impl Keys {
             Topic::ClockAnswer(node) => format!("down/clock/{node}"),
             Topic::Transform(node) => format!("down/tf/{node}"),
             Topic::Picture => "down/picture".to_owned(),
+            Topic::MapTracks => "down/map".to_owned(),
             Topic::Command => "ops/command".to_owned(),
             Topic::Answer(boot) => format!("ops/answer/{boot}"),
             Topic::Sweeps(node) => format!("sweeps/{node}"),
@@ -142,6 +148,7 @@ impl Keys {
             Pattern::Transform(node) => format!("down/tf/{node}"),
             Pattern::AllTransforms => "down/tf/*".to_owned(),
             Pattern::Picture => "down/picture".to_owned(),
+            Pattern::MapTracks => "down/map".to_owned(),
             Pattern::Command => "ops/command".to_owned(),
             Pattern::Answer(boot) => format!("ops/answer/{boot}"),
             Pattern::Sweeps(node) => format!("sweeps/{node}"),
@@ -173,6 +180,7 @@ impl Keys {
             ["down", "clock", node] => Topic::ClockAnswer(node.parse().ok()?),
             ["down", "tf", node] => Topic::Transform(node.parse().ok()?),
             ["down", "picture"] => Topic::Picture,
+            ["down", "map"] => Topic::MapTracks,
             ["ops", "command"] => Topic::Command,
             ["ops", "answer", boot] => Topic::Answer(boot.parse().ok()?),
             ["sweeps", node] => Topic::Sweeps(node.parse().ok()?),
@@ -219,6 +227,7 @@ mod tests {
             (Topic::ClockAnswer(node.clone()), Pattern::ClockAnswer(node.clone())),
             (Topic::Transform(node.clone()), Pattern::AllTransforms),
             (Topic::Picture, Pattern::Picture),
+            (Topic::MapTracks, Pattern::MapTracks),
             (Topic::Command, Pattern::Command),
             (Topic::Answer(BootId(7)), Pattern::Answer(BootId(7))),
             (Topic::Sweeps(node.clone()), Pattern::Sweeps(node.clone())),

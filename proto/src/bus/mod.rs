@@ -35,8 +35,8 @@ impl Topic {
     #[must_use]
     pub fn class(&self) -> Class {
         match self {
-            Self::Points(_) => Class::GapFree,
-            Self::Tracks(_) | Self::Transform(_) | Self::Picture => Class::State,
+            Self::Points(_) | Self::Dwells(_) => Class::GapFree,
+            Self::Tracks(_) | Self::Transform(_) | Self::Picture | Self::MapTracks => Class::State,
             _ => Class::Plain,
         }
     }
@@ -47,10 +47,12 @@ impl Pattern {
     #[must_use]
     pub fn class(&self) -> Class {
         match self {
-            Self::AllPoints => Class::GapFree,
-            Self::AllTracks | Self::Transform(_) | Self::AllTransforms | Self::Picture => {
-                Class::State
-            }
+            Self::AllPoints | Self::AllDwells => Class::GapFree,
+            Self::AllTracks
+            | Self::Transform(_)
+            | Self::AllTransforms
+            | Self::Picture
+            | Self::MapTracks => Class::State,
             _ => Class::Plain,
         }
     }

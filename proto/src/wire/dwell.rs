@@ -27,6 +27,12 @@ pub struct GeoRecord {
     pub height_m: f64,
 }
 
+/// A calendar time that data may have.
+pub(super) fn time_unix(field: &'static str, value_s: f64) -> Result<(), Invalid> {
+    let known = TIMES_UNIX_S.contains(&value_s);
+    require(known, field, value_s, "seconds from 1970 to 2200 are expected")
+}
+
 impl GeoRecord {
     /// Checks every field.
     ///
@@ -116,6 +122,11 @@ pub struct Dwell {
     pub reports: Vec<DwellReport>,
 }
 
+impl Dwell {
+    /// Most reports that one message may have.
+    pub const MAX_REPORT_COUNT: usize = MAX_REPORT_COUNT;
+}
+
 impl DwellReport {
     fn check(&self) -> Result<(), Invalid> {
         self.place.check()?;
@@ -140,8 +151,7 @@ impl Message for Dwell {
     const MAX_BYTES: usize = 768 << 10;
 
     fn check(&self) -> Result<(), Invalid> {
-        let known = TIMES_UNIX_S.contains(&self.time_unix_s);
-        require(known, "time_unix_s", self.time_unix_s, "a time after 1970 is expected")?;
+        time_unix("time_unix_s", self.time_unix_s)?;
         self.sensor.check()?;
         if let Some(flight) = &self.flight {
             finite("flight.course_deg", flight.course_deg)?;

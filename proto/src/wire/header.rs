@@ -42,6 +42,8 @@ pub enum Kind {
     NodeTracks = 9,
     /// [`super::Dwell`]
     Dwell = 10,
+    /// [`super::MapTracks`]
+    MapTracks = 11,
 }
 
 /// Why bytes were not taken for a message.

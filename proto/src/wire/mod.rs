@@ -11,6 +11,7 @@ mod command;
 mod dwell;
 mod header;
 mod people;
+mod map;
 mod sweep;
 mod to_agent;
 mod to_centre;
@@ -22,6 +23,7 @@ pub use command::{Answer, Command, StatedPose};
 pub use dwell::{Dwell, DwellArea, DwellReport, FlightRecord, GeoRecord};
 pub use header::{HEADER_BYTES, Kind, Refusal};
 pub use people::{PersonInPicture, PointOfPerson};
+pub use map::{MapCounts, MapReport, MapStatus, MapTrack, MapTracks};
 pub use sweep::{RawSweep, SWEEP_HEADER_BYTES, SweepRefusal};
 pub use to_agent::{
     ClockAnswer, Evidence, FusedTarget, NodeInPicture, NodeState, Outcome, Picture, PoseRecord,
@@ -30,5 +32,7 @@ pub use to_agent::{
 pub use to_centre::{ClockProbe, Counters, LatencyReport, NodeStatus, PointSet, SourceState};
 pub use tracks::{NodeTracks, TrackInPicture, TrackRecord, TrackStatus, packed_covariance};
 
+#[cfg(test)]
+mod map_tests;
 #[cfg(test)]
 mod tests;

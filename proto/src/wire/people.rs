@@ -4,7 +4,7 @@ use nalgebra::Matrix4;
 use serde::{Deserialize, Serialize};
 
 use super::check::{Invalid, at_most, finite, not_negative, require, share};
-use super::tracks::{TrackStatus, matrix_of, moving};
+use super::tracks::{TrackStatus, moving, unpacked_covariance};
 use crate::ids::NodeId;
 use crate::time::CentreTime;
 
@@ -61,7 +61,7 @@ impl PersonInPicture {
     /// [`Self::covariance`] as a matrix.
     #[must_use]
     pub fn covariance_matrix(&self) -> Matrix4<f64> {
-        matrix_of(&self.covariance)
+        unpacked_covariance(&self.covariance)
     }
 
     /// Checks every field.

@@ -59,7 +59,7 @@ impl TrackRecord {
     /// [`Self::covariance`] as a matrix.
     #[must_use]
     pub fn covariance_matrix(&self) -> Matrix4<f64> {
-        matrix_of(&self.covariance)
+        unpacked_covariance(&self.covariance)
     }
 
     /// Checks every field.
@@ -92,19 +92,19 @@ pub(super) fn moving(
     let [xx, xy, _, _, yy, ..] = *packed;
     covariance(names[3], [xx, xy, yy])?;
     let good =
-        packed.iter().all(|entry| entry.is_finite()) && matrix_of(packed).cholesky().is_some();
+        packed.iter().all(|entry| entry.is_finite()) && unpacked_covariance(packed).cholesky().is_some();
     require(good, names[3], packed, "a positive definite covariance is expected")
-}
-
-/// The symmetric matrix of a packed upper triangle.
-pub(super) fn matrix_of(packed: &[f64; 10]) -> Matrix4<f64> {
-    Matrix4::from_fn(|row, column| packed[packed_index(row, column)])
 }
 
 /// Where the entry of a symmetric 4×4 matrix stands in its upper triangle, row by row.
 fn packed_index(row: usize, column: usize) -> usize {
     let (first, second) = (row.min(column), row.max(column));
     first * (7 - first) / 2 + second
+}
+
+/// The symmetric matrix of which `packed` is the upper triangle, row by row.
+pub(super) fn unpacked_covariance(packed: &[f64; 10]) -> Matrix4<f64> {
+    Matrix4::from_fn(|row, column| packed[packed_index(row, column)])
 }
 
 /// The upper triangle of a symmetric matrix, row by row; the mean of both halves.
