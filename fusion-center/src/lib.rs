@@ -5,6 +5,7 @@ pub mod config;
 pub mod export;
 pub mod fuse;
 pub mod gather;
+pub mod map;
 pub mod network;
 pub mod offline;
 pub mod pipeline;

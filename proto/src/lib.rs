@@ -10,6 +10,7 @@ pub mod ids;
 pub mod keys;
 pub mod measured;
 pub mod pcap;
+pub mod plots;
 pub mod process;
 pub mod radar;
 pub mod refusals;

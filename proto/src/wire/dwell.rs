@@ -128,7 +128,11 @@ impl Dwell {
 }
 
 impl DwellReport {
-    fn check(&self) -> Result<(), Invalid> {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// Names the first field that makes no sense.
+    pub fn check(&self) -> Result<(), Invalid> {
         self.place.check()?;
         let sigmas = [
             ("reports.slant_sigma_m", self.slant_sigma_m),

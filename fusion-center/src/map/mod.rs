@@ -1,0 +1,3 @@
+//! Targets of wide-area radars on the map: dwells of all sensors in order, followed, told.
+
+pub mod reorder;
