@@ -152,11 +152,7 @@ fn csv_row(text: &str, columns: &StringRecord) -> Result<PlotRow, RowFault> {
         let cell = |record: &StringRecord| {
             shown(index.and_then(|index| record.get(index)).unwrap_or_default())
         };
-        RowFault::Cell {
-            column: cell(columns),
-            text: cell(&cells),
-            detail: err.kind().to_string(),
-        }
+        RowFault::Cell { column: cell(columns), text: cell(&cells), detail: err.kind().to_string() }
     })
 }
 

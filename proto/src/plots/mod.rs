@@ -2,22 +2,27 @@
 //!
 //! ```text
 //! bytes, in pieces of any size ── Ingest ──┬── STANAG 4607 packets ──────┬── Scan, or Damage that
-//!                                          ├── CSV or JSON Lines: rows ──┤   names its place
-//!                                          └── pcap: datagrams of these ─┘
+//!                                          └── CSV or JSON Lines: rows ──┘   names its place
 //! ```
 //! Nothing here opens a file or a socket: the agent and the offline tools feed bytes.
 
 mod fault;
 mod group;
+mod ingest;
 mod lines;
 mod row;
+mod stanag;
+#[cfg(test)]
+mod stanag_tests;
 #[cfg(test)]
 mod tests;
 
 pub use fault::RowFault;
 pub use group::Group;
+pub use ingest::{Damage, Format, Ingest};
 pub use lines::{BadLine, LineKind, RowLines};
 pub use row::{COLUMNS, PlotRow};
+pub use stanag::{Naming, PacketScans};
 
 use crate::ids::NodeId;
 use crate::wire::Dwell;

@@ -267,9 +267,7 @@ impl PlotRow {
         };
         at_m.into_iter().try_for_each(|value_m| coordinate("x_m or y_m", value_m))?;
         let (slant_sigma_m, cross_sigma_m) = self.sigmas()?;
-        for (field, value) in
-            [("radial_m_per_s", self.radial_m_per_s), ("snr_db", self.snr_db)]
-        {
+        for (field, value) in [("radial_m_per_s", self.radial_m_per_s), ("snr_db", self.snr_db)] {
             let good = value.is_none_or(f64::is_finite);
             require(good, field, value, "a finite number is expected")?;
         }

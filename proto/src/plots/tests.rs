@@ -129,7 +129,9 @@ fn every_fault_names_its_line_and_column() {
     let csv = |text: &str| fault(LineKind::Csv, text.as_bytes());
     let (line, unknown) = csv("time_s,x,y_m\n");
     assert_eq!((line, unknown.label()), (1, "header"));
-    assert!(unknown.to_string().contains("\"x\" is unknown") && unknown.to_string().contains("x_m"));
+    assert!(
+        unknown.to_string().contains("\"x\" is unknown") && unknown.to_string().contains("x_m")
+    );
     assert!(csv("time_s,x_m,x_m\n").1.to_string().contains("named twice"));
     assert_eq!(csv("time_s,x_m,y_m\n1,2\n").1, RowFault::CellCount { got: 2, want: 3 });
     let (line, cell) = csv("time_s,x_m,y_m\n1,2,3\n1,two,3\n");
