@@ -1,0 +1,228 @@
+//! From scans in order of time to tracks, on the earth or on a plane of the data's own.
+
+use std::collections::VecDeque;
+
+use nalgebra::{Matrix4, Vector4};
+use proto::geodesy::GeodesyError;
+use proto::ids::NodeId;
+use proto::plots::Scan;
+use proto::wire::{MapReport, MapStatus, MapTrack, packed_covariance};
+use thiserror::Error;
+
+use super::ground::{GeoState, Ground};
+use super::looks::look_of;
+use super::settings::{AssumedConfig, WideConfig};
+use crate::tracking::{InvalidSetting, LookError, ReportId, Settled, Status, Track, Tracker};
+
+/// Looks of each sensor of which it is remembered what their reports were: longer than any lag.
+const REMEMBERED_LOOK_COUNT: usize = 20_000;
+/// The same in reports.
+const REMEMBERED_REPORT_COUNT: usize = 500_000;
+
+/// Why a scan was left out; what is followed is then as it was.
+#[derive(Debug, Error)]
+pub enum FollowError {
+    /// The tracker does not take it.
+    #[error(transparent)]
+    Look(#[from] LookError),
+    /// It says a place that is none.
+    #[error(transparent)]
+    Place(#[from] GeodesyError),
+    /// Plots on the earth and on a plane cannot be followed together.
+    #[error(
+        "the input has plots with latitude and longitude and plots with x and y: split it in two"
+    )]
+    Mixed,
+}
+
+/// Follows targets through scans.
+pub struct Follower {
+    tracker: Box<dyn Tracker>,
+    assumed: AssumedConfig,
+    ground: Option<Ground>,
+    sensors: Vec<Sensor>,
+}
+
+struct Sensor {
+    node: NodeId,
+    next_look: u64,
+    /// The newest looks, up to that before `next_look`.
+    looks: VecDeque<Remembered>,
+    report_count: usize,
+}
+
+/// What provenance needs of a look.
+struct Remembered {
+    revisit_index: u32,
+    dwell_index: u32,
+    /// Number, height and truth of each report.
+    reports: Vec<(u32, f64, Option<u32>)>,
+}
+
+/// A report that a track took.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Source {
+    /// Whose, and which.
+    pub report: MapReport,
+    /// Height above the ellipsoid, metres; 0 on a plane.
+    pub height_m: f64,
+    /// Which target it really is, where the data say it.
+    pub truth: Option<u32>,
+}
+
+impl Follower {
+    /// Follows nobody yet.
+    ///
+    /// # Errors
+    /// If a setting of the tracker makes no sense.
+    pub fn new(config: &WideConfig) -> Result<Self, InvalidSetting> {
+        Ok(Self {
+            tracker: config.tracking.tracker()?,
+            assumed: config.assumed,
+            ground: None,
+            sensors: Vec::new(),
+        })
+    }
+
+    /// Takes the next scan; times never descend.
+    ///
+    /// # Errors
+    /// If it cannot be used; what is followed is then as it was.
+    pub fn take(&mut self, scan: &Scan) -> Result<(), FollowError> {
+        let ground = match self.ground {
+            Some(ground) => ground,
+            None => Ground::of(scan)?,
+        };
+        let flat = ground.flat(scan)?.ok_or(FollowError::Mixed)?;
+        let look = look_of(&flat, &self.assumed);
+        let sensor_index = self.sensor_index(&flat.scan.node);
+        let look_index = self.sensors[sensor_index as usize].next_look;
+        self.tracker.look(&look.look(sensor_index, look_index))?;
+        self.ground = Some(ground);
+        let heights_m = |index: usize| match scan {
+            Scan::Geographic(dwell) => dwell.reports[index].place.height_m,
+            Scan::Local(_) => 0.0,
+        };
+        let plots = flat.scan.plots.iter().enumerate();
+        self.sensors[sensor_index as usize].remember(Remembered {
+            revisit_index: flat.scan.revisit_index,
+            dwell_index: flat.scan.dwell_index,
+            reports: plots.map(|(at, plot)| (plot.index, heights_m(at), plot.truth)).collect(),
+        });
+        Ok(())
+    }
+
+    /// Nothing follows: everything that is open is settled.
+    pub fn finish(&mut self) {
+        self.tracker.finish();
+    }
+
+    /// The plane; `None` before the first scan.
+    #[must_use]
+    pub fn ground(&self) -> Option<&Ground> {
+        self.ground.as_ref()
+    }
+
+    /// Everything that is followed, in ascending order of id.
+    #[must_use]
+    pub fn tracks(&self) -> &[Track] {
+        self.tracker.tracks()
+    }
+
+    /// See [`Tracker::take_settled`].
+    pub fn take_settled(&mut self, into: &mut Vec<Settled>) {
+        self.tracker.take_settled(into);
+    }
+
+    /// The report that a tracker names, as long as it is remembered.
+    #[must_use]
+    pub fn source(&self, id: ReportId) -> Option<Source> {
+        let sensor = self.sensors.get(id.sensor_index as usize)?;
+        let age = usize::try_from(sensor.next_look.checked_sub(id.look_index)?).ok()?;
+        let look = sensor.looks.get(sensor.looks.len().checked_sub(age)?)?;
+        let (report_index, height_m, truth) = *look.reports.get(id.report_index as usize)?;
+        let report = MapReport {
+            node: sensor.node.clone(),
+            revisit_index: look.revisit_index,
+            dwell_index: look.dwell_index,
+            report_index,
+        };
+        Some(Source { report, height_m, truth })
+    }
+
+    /// A track on the map; `None` on a plane, or where the state has left the earth.
+    #[must_use]
+    pub fn map_track(&self, track: &Track) -> Option<MapTrack> {
+        let source = self.source(track.last_report);
+        let height_m = source.as_ref().map_or_else(|| self.height_m(), |source| source.height_m);
+        let found = self.geo_state(&track.state, &track.covariance, height_m)?;
+        let GeoState { place, velocity_m_per_s, covariance } = found;
+        Some(MapTrack {
+            id: track.id,
+            status: map_status(track.status),
+            time_unix_s: track.time_s,
+            place,
+            velocity_m_per_s: velocity_m_per_s.into(),
+            covariance: packed_covariance(&covariance),
+            report_count: track.plot_count,
+            seen_unix_s: track.seen_s,
+            report: source.map(|source| source.report),
+            report_share: track.last_share,
+        })
+    }
+
+    /// A state on the earth; `None` on a plane, or where it has left the earth.
+    #[must_use]
+    pub fn geo_state(
+        &self,
+        state: &Vector4<f64>,
+        covariance: &Matrix4<f64>,
+        height_m: f64,
+    ) -> Option<GeoState> {
+        self.ground?.geo_state(state, covariance, height_m).ok().flatten()
+    }
+
+    /// Height of the plane above the ellipsoid, metres.
+    #[must_use]
+    pub fn height_m(&self) -> f64 {
+        match self.ground {
+            Some(Ground::Earth(frame)) => frame.origin().height_m(),
+            _ => 0.0,
+        }
+    }
+
+    fn sensor_index(&mut self, node: &NodeId) -> u32 {
+        let known = self.sensors.iter().position(|sensor| sensor.node == *node);
+        let index = known.unwrap_or_else(|| {
+            let (node, looks) = (node.clone(), VecDeque::new());
+            self.sensors.push(Sensor { node, next_look: 0, looks, report_count: 0 });
+            self.sensors.len() - 1
+        });
+        u32::try_from(index).unwrap_or(u32::MAX)
+    }
+}
+
+impl Sensor {
+    fn remember(&mut self, look: Remembered) {
+        self.next_look += 1;
+        self.report_count += look.reports.len();
+        self.looks.push_back(look);
+        while REMEMBERED_LOOK_COUNT < self.looks.len()
+            || REMEMBERED_REPORT_COUNT < self.report_count
+        {
+            let Some(first) = self.looks.pop_front() else { break };
+            self.report_count -= first.reports.len();
+        }
+    }
+}
+
+/// As it travels.
+#[must_use]
+pub fn map_status(status: Status) -> MapStatus {
+    match status {
+        Status::Tentative => MapStatus::Tentative,
+        Status::Confirmed => MapStatus::Confirmed,
+        Status::Coasting => MapStatus::Coasting,
+        Status::Stopped => MapStatus::Stopped,
+    }
+}
