@@ -11,8 +11,9 @@ use thiserror::Error;
 
 use super::ground::{GeoState, Ground};
 use super::looks::look_of;
+use super::mode::InvalidTracker;
 use super::settings::{AssumedConfig, WideConfig};
-use crate::tracking::{InvalidSetting, LookError, ReportId, Settled, Status, Track, Tracker};
+use crate::tracking::{LookError, ReportId, Settled, Status, Track, Tracker};
 
 /// Looks of each sensor of which it is remembered what their reports were: longer than any lag.
 const REMEMBERED_LOOK_COUNT: usize = 20_000;
@@ -75,7 +76,7 @@ impl Follower {
     ///
     /// # Errors
     /// If a setting of the tracker makes no sense.
-    pub fn new(config: &WideConfig) -> Result<Self, InvalidSetting> {
+    pub fn new(config: &WideConfig) -> Result<Self, InvalidTracker> {
         Ok(Self {
             tracker: config.tracking.tracker()?,
             assumed: config.assumed,

@@ -113,7 +113,7 @@ impl Format {
 }
 
 /// Edition, a size that can be, and a classification that exists.
-fn is_packet(head: &[u8]) -> bool {
+pub(super) fn is_packet(head: &[u8]) -> bool {
     let Some(size) = head.get(2..6).and_then(|bytes| bytes.try_into().ok()) else { return false };
     let known = [b"30", b"31", b"41"].iter().any(|edition| head.starts_with(*edition));
     let is_classified = head.get(8).is_some_and(|class| (1..=5).contains(class));

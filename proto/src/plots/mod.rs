@@ -9,6 +9,7 @@
 mod fault;
 mod group;
 mod ingest;
+mod input;
 mod lines;
 mod row;
 mod stanag;
@@ -20,6 +21,7 @@ mod tests;
 pub use fault::RowFault;
 pub use group::Group;
 pub use ingest::{Damage, Format, Ingest};
+pub use input::{Input, InputError};
 pub use lines::{BadLine, LineKind, RowLines};
 pub use row::{COLUMNS, PlotRow};
 pub use stanag::{Naming, PacketScans};

@@ -197,6 +197,65 @@ fn formats_are_told_by_content_and_else_by_name() {
     assert_eq!(detect("-", b""), None);
 }
 
+/// A classic capture of one Ethernet frame for each payload, written by hand.
+fn capture(datagrams: &[&[u8]]) -> Vec<u8> {
+    let mut bytes = vec![0xd4, 0xc3, 0xb2, 0xa1, 2, 0, 4, 0];
+    bytes.extend([0; 8]);
+    bytes.extend(65_535_u32.to_le_bytes());
+    bytes.extend(1_u32.to_le_bytes());
+    for payload in datagrams {
+        let udp_length = u16::try_from(8 + payload.len()).unwrap();
+        let frame_length = u32::from(14 + 20 + udp_length);
+        for value in [1_700_000_000, 0, frame_length, frame_length] {
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.extend([2; 12]);
+        bytes.extend([8, 0, 0x45, 0]);
+        bytes.extend((20 + udp_length).to_be_bytes());
+        bytes.extend([0, 0, 0, 0, 64, 17, 0, 0, 127, 0, 0, 1, 127, 0, 0, 1]);
+        bytes.extend(5000_u16.to_be_bytes());
+        bytes.extend(6000_u16.to_be_bytes());
+        bytes.extend(udp_length.to_be_bytes());
+        bytes.extend([0, 0]);
+        bytes.extend(*payload);
+    }
+    bytes
+}
+
+fn through(bytes: &[u8], name: &str) -> Result<Vec<Result<Scan, Damage>>, InputError> {
+    let (mut input, mut found) = (Input::open(bytes, name, None, Naming::Own(node()))?, Vec::new());
+    while input.advance(&mut found)? {}
+    Ok(found)
+}
+
+#[test]
+fn an_input_finds_out_what_it_is() {
+    let whole = bytes(vec![mission(), Segment::Dwell(Box::new(dwell(vec![report()])))]);
+    let expected = read(Naming::Own(node()), &[&whole]);
+    assert_eq!(through(&whole, "x").unwrap(), expected);
+    let captured = capture(&[b"other traffic", &whole, &[]]);
+    assert_eq!(through(&captured, "x").unwrap(), expected);
+    let rows = b"time_s,x_m,y_m\n1,2,3\n";
+    assert_eq!(through(rows, "-").unwrap().len(), 1);
+    let unknown = through(b"once upon a time\n", "tale.txt").map(drop).unwrap_err().to_string();
+    assert!(unknown.contains("tale.txt") && unknown.contains("--format"), "{unknown}");
+    let cut = through(&captured[..captured.len() - 60], "x.pcap");
+    assert!(cut.map(drop).unwrap_err().to_string().starts_with("x.pcap: "));
+}
+
+#[test]
+fn a_reader_that_fails_is_named() {
+    struct Broken;
+    impl std::io::Read for Broken {
+        fn read(&mut self, _: &mut [u8]) -> std::io::Result<usize> {
+            Err(std::io::Error::other("no disk"))
+        }
+    }
+    let opened = Input::open(Broken, "disk.4607", None, Naming::Own(node()));
+    let Err(failed) = opened else { panic!("it opened") };
+    assert_eq!(failed.to_string(), "reading disk.4607: no disk");
+}
+
 /// The ten-target scene, where it is there: 154 dwells and 218 reports, as the specification counts.
 #[test]
 fn the_shared_scene_has_the_dwells_and_reports_that_are_known() {
