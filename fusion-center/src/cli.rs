@@ -14,8 +14,10 @@ use crate::config::CentreConfig;
 use crate::registration::{SolverKind, build};
 use crate::{offline, service};
 use operate::{Operation, operate};
+use track::TrackFlags;
 
 mod operate;
+mod track;
 
 /// What the configuration takes as a period.
 const PERIODS_S: [f64; 2] = [1e-3, 60.0];
@@ -92,6 +94,8 @@ enum Action {
         #[arg(long)]
         json: bool,
     },
+    /// Follow the moving targets in recorded plots of wide-area radars.
+    Track(Box<TrackFlags>),
 }
 
 /// Runs the program with these arguments, the first of which is its name.
@@ -104,6 +108,7 @@ pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         match arguments.action {
             None => service::run(config, stop).await,
             Some(Action::Operate(operation)) => operate(config, operation.command()?, &stop).await,
+            Some(Action::Track(flags)) => flags.run(config.wide, &stop).await,
             Some(Action::Register { input, figures, json }) => {
                 let reference = arguments.flags.reference;
                 let options = offline::Options { input, reference, json, figures };
@@ -143,12 +148,14 @@ impl Flags {
             None => return Ok(()),
             Some(Action::Operate(_)) => "a command to a running centre",
             Some(Action::Register { .. }) => "register, which works on files",
+            Some(Action::Track(_)) => "track, which works on files",
         };
         let is_register = matches!(action, Some(Action::Register { .. }));
+        let is_offline = is_register || matches!(action, Some(Action::Track(_)));
         let useless = [
-            ("--site", is_register && self.site.is_some()),
-            ("--connect", is_register && !self.connect.is_empty()),
-            ("--listen", is_register && !self.listen.is_empty()),
+            ("--site", is_offline && self.site.is_some()),
+            ("--connect", is_offline && !self.connect.is_empty()),
+            ("--listen", is_offline && !self.listen.is_empty()),
             ("--reference", !is_register && self.reference.is_some()),
             ("--solver", !is_register && self.solver.is_some()),
             ("--period-s", self.period_s.is_some()),
@@ -207,6 +214,9 @@ mod tests {
             ("--connect udp/x:1", "--connect \"udp/x:1\" is not"),
             ("--set gather.place_m=0", "gather.place_m is 0: use 0.05 to 100"),
             ("--set gather.place_m", "write KEY=VALUE"),
+            ("track x --connect tcp/a:1", "--connect has no effect on track"),
+            ("track x --solver l2", "--solver has no effect on track"),
+            ("--set wide.max_wait_s=-1", "wide.max_wait_s is -1: use 0 to 600"),
             ("register x --site here", "--site has no effect on register"),
             ("register x --connect tcp/a:1", "--connect has no effect on register"),
             ("--listen tcp/a:1 register x", "--listen has no effect on register"),

@@ -6,6 +6,7 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use thiserror::Error;
 
+use crate::map::MapConfig;
 use crate::registration::SolverConfig;
 use crate::tracking::Tracker;
 use crate::tracking::default::{DefaultConfig, DefaultTracker};
@@ -39,6 +40,8 @@ pub struct CentreConfig {
     pub monitor: MonitorConfig,
     /// What outlives the centre.
     pub state: StateConfig,
+    /// How targets of wide-area radars are followed.
+    pub wide: MapConfig,
 }
 
 /// How much solving is done.
@@ -164,6 +167,7 @@ impl Default for CentreConfig {
             work: WorkConfig::default(),
             monitor: MonitorConfig::default(),
             state: StateConfig::default(),
+            wide: MapConfig::default(),
         }
     }
 }
@@ -245,6 +249,9 @@ impl CentreConfig {
         }
         let tracker = self.people.tracker.check();
         tracker.map_err(|error| InvalidConfig(format!("people.tracker: {error}")))?;
+        if let Some(complaint) = self.wide.complaint() {
+            return Err(InvalidConfig(complaint));
+        }
         self.solver.check().map_err(|error| InvalidConfig(error.to_string()))
     }
 }

@@ -9,11 +9,10 @@ use proto::plots::Scan;
 use proto::wire::{MapReport, MapStatus, MapTrack, packed_covariance};
 use thiserror::Error;
 
-use super::ground::{GeoState, Ground};
-use super::looks::look_of;
-use super::mode::InvalidTracker;
-use super::settings::{AssumedConfig, WideConfig};
-use crate::tracking::{LookError, ReportId, Settled, Status, Track, Tracker};
+use super::ground::Ground;
+use super::settings::MapConfig;
+use crate::tracking::{InvalidSetting, LookError, ReportId, Settled, Status, Track, Tracker};
+use crate::wide::{LookName, PlacedTrack, WideConfig};
 
 /// Looks of each sensor of which it is remembered what their reports were: longer than any lag.
 const REMEMBERED_LOOK_COUNT: usize = 20_000;
@@ -39,7 +38,7 @@ pub enum FollowError {
 /// Follows targets through scans.
 pub struct Follower {
     tracker: Box<dyn Tracker>,
-    assumed: AssumedConfig,
+    assumed: WideConfig,
     ground: Option<Ground>,
     sensors: Vec<Sensor>,
 }
@@ -76,10 +75,10 @@ impl Follower {
     ///
     /// # Errors
     /// If a setting of the tracker makes no sense.
-    pub fn new(config: &WideConfig) -> Result<Self, InvalidTracker> {
+    pub fn new(config: &MapConfig) -> Result<Self, InvalidSetting> {
         Ok(Self {
             tracker: config.tracking.tracker()?,
-            assumed: config.assumed,
+            assumed: config.assumed.clone(),
             ground: None,
             sensors: Vec::new(),
         })
@@ -94,22 +93,13 @@ impl Follower {
             Some(ground) => ground,
             None => Ground::of(scan)?,
         };
-        let flat = ground.flat(scan)?.ok_or(FollowError::Mixed)?;
-        let look = look_of(&flat, &self.assumed);
-        let sensor_index = self.sensor_index(&flat.scan.node);
-        let look_index = self.sensors[sensor_index as usize].next_look;
-        self.tracker.look(&look.look(sensor_index, look_index))?;
+        let sensor_index = self.sensor_index(node_of(scan));
+        let sensor = sensor_index as usize;
+        let name = LookName { sensor_index, look_index: self.sensors[sensor].next_look };
+        let look = ground.look(scan, &self.assumed, name)?.ok_or(FollowError::Mixed)?;
+        self.tracker.look(&look.look())?;
         self.ground = Some(ground);
-        let heights_m = |index: usize| match scan {
-            Scan::Geographic(dwell) => dwell.reports[index].place.height_m,
-            Scan::Local(_) => 0.0,
-        };
-        let plots = flat.scan.plots.iter().enumerate();
-        self.sensors[sensor_index as usize].remember(Remembered {
-            revisit_index: flat.scan.revisit_index,
-            dwell_index: flat.scan.dwell_index,
-            reports: plots.map(|(at, plot)| (plot.index, heights_m(at), plot.truth)).collect(),
-        });
+        self.sensors[sensor].remember(Remembered::of(scan));
         Ok(())
     }
 
@@ -141,7 +131,11 @@ impl Follower {
         let sensor = self.sensors.get(id.sensor_index as usize)?;
         let age = usize::try_from(sensor.next_look.checked_sub(id.look_index)?).ok()?;
         let look = sensor.looks.get(sensor.looks.len().checked_sub(age)?)?;
-        let (report_index, height_m, truth) = *look.reports.get(id.report_index as usize)?;
+        // Reports stand in the order of their numbers as a rule, and those begin at 0.
+        let at_place = look.reports.get(id.report_index as usize);
+        let is_it = |report: &&(u32, f64, Option<u32>)| report.0 == id.report_index;
+        let found = at_place.filter(is_it).or_else(|| look.reports.iter().find(is_it));
+        let (report_index, height_m, truth) = *found?;
         let report = MapReport {
             node: sensor.node.clone(),
             revisit_index: look.revisit_index,
@@ -156,15 +150,14 @@ impl Follower {
     pub fn map_track(&self, track: &Track) -> Option<MapTrack> {
         let source = self.source(track.last_report);
         let height_m = source.as_ref().map_or_else(|| self.height_m(), |source| source.height_m);
-        let found = self.geo_state(&track.state, &track.covariance, height_m)?;
-        let GeoState { place, velocity_m_per_s, covariance } = found;
+        let found = self.ground?.placed(&track.state, &track.covariance, height_m)?;
         Some(MapTrack {
             id: track.id,
             status: map_status(track.status),
             time_unix_s: track.time_s,
-            place,
-            velocity_m_per_s: velocity_m_per_s.into(),
-            covariance: packed_covariance(&covariance),
+            place: found.place,
+            velocity_m_per_s: found.velocity_m_per_s.into(),
+            covariance: packed_covariance(&found.covariance),
             report_count: track.plot_count,
             seen_unix_s: track.seen_s,
             report: source.map(|source| source.report),
@@ -174,22 +167,19 @@ impl Follower {
 
     /// A state on the earth; `None` on a plane, or where it has left the earth.
     #[must_use]
-    pub fn geo_state(
+    pub fn placed(
         &self,
         state: &Vector4<f64>,
         covariance: &Matrix4<f64>,
         height_m: f64,
-    ) -> Option<GeoState> {
-        self.ground?.geo_state(state, covariance, height_m).ok().flatten()
+    ) -> Option<PlacedTrack> {
+        self.ground?.placed(state, covariance, height_m)
     }
 
     /// Height of the plane above the ellipsoid, metres.
     #[must_use]
     pub fn height_m(&self) -> f64 {
-        match self.ground {
-            Some(Ground::Earth(frame)) => frame.origin().height_m(),
-            _ => 0.0,
-        }
+        self.ground.map_or(0.0, |ground| ground.height_m())
     }
 
     fn sensor_index(&mut self, node: &NodeId) -> u32 {
@@ -200,6 +190,33 @@ impl Follower {
             self.sensors.len() - 1
         });
         u32::try_from(index).unwrap_or(u32::MAX)
+    }
+}
+
+/// Whose a scan is.
+pub(crate) fn node_of(scan: &Scan) -> &NodeId {
+    match scan {
+        Scan::Geographic(dwell) => &dwell.node,
+        Scan::Local(local) => &local.node,
+    }
+}
+
+impl Remembered {
+    fn of(scan: &Scan) -> Self {
+        match scan {
+            Scan::Geographic(dwell) => Self {
+                revisit_index: dwell.revisit_index,
+                dwell_index: dwell.dwell_index,
+                reports: (dwell.reports.iter())
+                    .map(|report| (report.index, report.place.height_m, report.truth))
+                    .collect(),
+            },
+            Scan::Local(local) => Self {
+                revisit_index: local.revisit_index,
+                dwell_index: local.dwell_index,
+                reports: local.plots.iter().map(|plot| (plot.index, 0.0, plot.truth)).collect(),
+            },
+        }
     }
 }
 

@@ -5,16 +5,18 @@
 //! ```
 
 mod follower;
+mod geo;
 mod ground;
-mod looks;
-pub mod mode;
+mod local;
 mod output;
 pub mod reorder;
 mod settings;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use follower::node_of;
 pub use follower::{FollowError, Follower, Source, map_status};
-pub use ground::{GeoState, Ground};
+pub use geo::{Past, fix, geo_track};
+pub use ground::Ground;
 pub use output::{OutputConfig, udp_address};
-pub use settings::{AssumedConfig, RadialSign, WideConfig};
+pub use settings::MapConfig;

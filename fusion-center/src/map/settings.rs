@@ -1,17 +1,19 @@
-//! What is assumed of wide-area radars that do not say it, and how long the centre waits for them.
+//! How targets of wide-area radars are followed: how long dwells wait for one another, what is
+//! assumed where they do not say it, the tracker, and where tracks go.
 
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::mode::TrackingConfig;
 use super::output::OutputConfig;
 use super::reorder::Patience;
+use crate::tracking::TrackingConfig;
+use crate::wide::WideConfig;
 
 /// How targets of wide-area radars are followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct WideConfig {
+pub struct MapConfig {
     /// How long a dwell waits for what may come before it from other sensors, seconds.
     pub max_wait_s: f64,
     /// A sensor not heard for this long is not waited for, seconds.
@@ -25,60 +27,14 @@ pub struct WideConfig {
     /// Tentative tracks are published too.
     pub publish_tentative: bool,
     /// What is assumed where dwells do not say it.
-    pub assumed: AssumedConfig,
+    pub assumed: WideConfig,
     /// The tracker.
     pub tracking: TrackingConfig,
     /// Where tracks go besides the network.
     pub output: OutputConfig,
 }
 
-/// What is assumed where dwells do not say it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct AssumedConfig {
-    /// Standard deviation along the line of sight (slant), metres.
-    pub slant_sigma_m: f64,
-    /// Standard deviation across the line of sight, metres.
-    pub cross_sigma_m: f64,
-    /// Standard deviation of the radial velocity, metres per second.
-    pub radial_sigma_m_per_s: f64,
-    /// Probability that a target in the area is seen.
-    pub detection_probability: f64,
-    /// False plots per square metre of the area in a dwell.
-    pub clutter_per_m2: f64,
-    /// What the radial velocities of the data mean.
-    pub radial: RadialSign,
-}
-
-/// What the radial velocities of the data mean.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RadialSign {
-    /// Positive away from the sensor, as STANAG 4607 has them.
-    #[default]
-    Receding,
-    /// Positive towards the sensor.
-    Approaching,
-    /// Nothing: they are left out.
-    Unused,
-}
-
-impl Default for AssumedConfig {
-    /// Deviations and clutter are those of the load scene of \[wide-area\]: σ 20 m, 200 false plots
-    /// on 800 km², detected with probability 0.9, radial velocity to 1 m/s.
-    fn default() -> Self {
-        Self {
-            slant_sigma_m: 20.0,
-            cross_sigma_m: 20.0,
-            radial_sigma_m_per_s: 1.0,
-            detection_probability: 0.9,
-            clutter_per_m2: 2.5e-7,
-            radial: RadialSign::Receding,
-        }
-    }
-}
-
-impl Default for WideConfig {
+impl Default for MapConfig {
     fn default() -> Self {
         Self {
             max_wait_s: 2.0,
@@ -87,37 +43,32 @@ impl Default for WideConfig {
             max_waiting_count: 10_000,
             publish_interval_s: 0.5,
             publish_tentative: false,
-            assumed: AssumedConfig::default(),
+            assumed: WideConfig::default(),
             tracking: TrackingConfig::default(),
             output: OutputConfig::default(),
         }
     }
 }
 
-impl WideConfig {
+impl MapConfig {
     /// The first setting that makes no sense, its value and what would do.
     #[must_use]
     pub fn complaint(&self) -> Option<String> {
-        let AssumedConfig { slant_sigma_m, cross_sigma_m, radial_sigma_m_per_s, .. } = self.assumed;
         let ranges = [
             ("max_wait_s", self.max_wait_s, 0.0, 600.0),
             ("silent_after_s", self.silent_after_s, 0.1, 3600.0),
             ("max_sensor_count", self.max_sensor_count as f64, 1.0, 256.0),
             ("max_waiting_count", self.max_waiting_count as f64, 1.0, 1e6),
             ("publish_interval_s", self.publish_interval_s, 0.05, 60.0),
-            ("assumed.slant_sigma_m", slant_sigma_m, 1e-3, 1e4),
-            ("assumed.cross_sigma_m", cross_sigma_m, 1e-3, 1e4),
-            ("assumed.radial_sigma_m_per_s", radial_sigma_m_per_s, 1e-3, 100.0),
-            ("assumed.detection_probability", self.assumed.detection_probability, 0.01, 0.9999),
-            ("assumed.clutter_per_m2", self.assumed.clutter_per_m2, 1e-15, 1.0),
         ];
         for (name, value, least, most) in ranges {
             if !(least..=most).contains(&value) {
                 return Some(format!("wide.{name} is {value}: use {least} to {most}"));
             }
         }
-        let tracking = self.tracking.check().err().map(|error| format!("wide.tracking: {error}"));
-        tracking.or_else(|| self.output.complaint())
+        let assumed = self.assumed.check().err().map(|error| format!("wide.assumed.{error}"));
+        let tracking = self.tracking.check().err().map(|error| format!("wide.{error}"));
+        assumed.or(tracking).or_else(|| self.output.complaint())
     }
 
     /// For the reordering.

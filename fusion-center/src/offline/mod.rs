@@ -1,4 +1,4 @@
-//! Registration of recorded points, without a network: problems in, poses and pictures out.
+//! Registration of recorded points and tracks of recorded plots, without a network.
 //!
 //! ```text
 //! file of JSON Lines, or folder of points ── input ── solve_site, in parallel ── answer ── output
@@ -13,9 +13,11 @@ mod lag;
 mod lines;
 mod output;
 mod run;
+mod track;
 
 pub use answer::Answer;
 pub use clocks::ClockJson;
 pub use draw::{COLORS, Layer, Way, picture};
 pub use input::{Asked, InputError, read_folder, read_problem};
 pub use run::{Options, register};
+pub use track::{Files, TrackOptions, track};

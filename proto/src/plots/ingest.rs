@@ -136,9 +136,9 @@ impl Ingest {
     /// Of `format`, whose dwells are named as `naming` says.
     #[must_use]
     pub fn new(format: Format, naming: Naming) -> Self {
-        let lines = |kind, naming: Naming| {
-            let rows = RowLines::new(kind, naming.fallback().clone());
-            Kind::Lines(Box::new(rows), naming)
+        let lines = |kind, named: Naming| {
+            let rows = RowLines::new(kind, named.fallback().clone());
+            Kind::Lines(Box::new(rows), named)
         };
         let kind = match format {
             Format::Stanag4607 => Kind::Packets(Box::default(), PacketScans::new(naming)),

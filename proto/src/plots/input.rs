@@ -97,10 +97,10 @@ impl<'a> Input<'a> {
         if is_capture && matches!(format, None | Some(Format::Stanag4607)) {
             return Self::capture(whole, name, naming);
         }
-        let Some(format) = detected else {
+        let Some(detected) = detected else {
             return Err(InputError::Unknown { name, columns: COLUMNS.join(", ") });
         };
-        let ingest = Box::new(Ingest::new(format, naming));
+        let ingest = Box::new(Ingest::new(detected, naming));
         let kind = Kind::Stream { from: Box::new(whole), ingest, is_over: false };
         Ok(Self { name, kind })
     }

@@ -53,6 +53,8 @@ pub struct PacketScans {
     naming: Naming,
     clocks: BTreeMap<String, MissionClock>,
     jobs: BTreeMap<(String, u32), JobDefinition>,
+    /// Of the newest report that states one: areas have none.
+    height_m: f64,
 }
 
 /// What a dwell segment stands in.
@@ -66,7 +68,7 @@ impl PacketScans {
     /// Knows no mission yet.
     #[must_use]
     pub fn new(naming: Naming) -> Self {
-        Self { naming, clocks: BTreeMap::new(), jobs: BTreeMap::new() }
+        Self { naming, clocks: BTreeMap::new(), jobs: BTreeMap::new(), height_m: 0.0 }
     }
 
     /// The dwells of a packet, in its order. A report without a place, or one that makes no sense,
@@ -87,11 +89,11 @@ impl PacketScans {
                 Segment::JobDefinition(job) => {
                     let key = (platform.clone(), job.job_id);
                     forget_first(&mut self.jobs, &key);
-                    self.jobs.insert(key, job.as_ref().clone());
+                    self.jobs.insert(key, **job);
                 }
                 Segment::Dwell(dwell) => {
                     let key = (platform.clone(), origin.job_id);
-                    let job = self.jobs.get(&key).cloned();
+                    let job = self.jobs.get(&key).copied();
                     let context = Context { platform: &platform, job: job.as_ref(), is_simulated };
                     self.take_dwell(dwell, &context, into);
                 }
@@ -108,7 +110,10 @@ impl PacketScans {
     ) {
         let Some(time_unix_s) = self.time_unix_s(dwell, context.platform, into) else { return };
         let node = self.naming.node(context.platform);
-        let empty = head(dwell, context, node, time_unix_s);
+        let stated = dwell.reports.iter().find_map(|report| report.height_m);
+        self.height_m = stated.map_or(self.height_m, f64::from);
+        let mut empty = head(dwell, context, node, time_unix_s);
+        empty.area.center.height_m = self.height_m;
         if let Err(fault) = empty.check() {
             return into.push(Err(damaged(dwell, None, fault)));
         }

@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use proto::geodesy::GeoPosition;
+use nalgebra::Vector2;
+use proto::geodesy::{EnuFrame, GeoPosition};
 use proto::plots::Scan;
 use proto::wire::MapTrack;
 
@@ -12,7 +13,7 @@ use super::step::Step;
 use crate::export::cat062::{Cat062Settings, Entry, Message, TrackNumbers, blocks};
 use crate::export::cot::{CotSettings, event};
 use crate::export::figure::Map;
-use crate::export::{GeoTrack, csv, geojson, kml};
+use crate::export::{GeoTrack, Origin, csv, geojson, kml};
 use crate::map::{Ground, Past, fix, geo_track};
 use crate::offline::{COLORS, Layer, Way, picture};
 
@@ -101,11 +102,25 @@ impl Kept {
         }
         match scan {
             Scan::Local(local) => self.local_plots_m.extend(local.plots.iter().map(|p| p.at_m)),
-            Scan::Geographic(dwell) => self.plots.extend(dwell.reports.iter().filter_map(|report| {
-                let place = report.place;
-                GeoPosition::new(place.lat_deg, place.lon_deg, place.height_m).ok()
-            })),
+            Scan::Geographic(dwell) => {
+                self.plots.extend(dwell.reports.iter().filter_map(|report| {
+                    let place = report.place;
+                    GeoPosition::new(place.lat_deg, place.lon_deg, place.height_m).ok()
+                }))
+            }
         }
+    }
+
+    /// Keeps steps also where no file is named.
+    #[cfg(test)]
+    pub(super) fn keep_all(&mut self) {
+        self.is_wanted = true;
+    }
+
+    /// All steps, track by track.
+    #[cfg(test)]
+    pub(super) fn steps(&self) -> impl Iterator<Item = &Step> {
+        self.steps.values().flatten()
     }
 
     /// Writes every file that is named.
@@ -114,8 +129,11 @@ impl Kept {
             return Ok(());
         }
         let Some(Ground::Earth(frame)) = ground else { return self.write_plane(files) };
-        let tracks: Vec<GeoTrack> =
-            self.steps.values().filter_map(|steps| whole(steps).transpose()).collect::<Result<_, _>>()?;
+        let tracks: Vec<GeoTrack> = self
+            .steps
+            .values()
+            .filter_map(|steps| whole(steps).transpose())
+            .collect::<Result<_, _>>()?;
         if let Some(path) = &files.geojson {
             write(path, geojson::collection(&tracks)?.as_bytes())?;
         }
@@ -126,6 +144,9 @@ impl Kept {
             self.write_steps(files)?;
         }
         if let Some(folder) = &files.figures {
+            let middle = frame.place(&Vector2::zeros(), frame.height_m())?;
+            let middle = GeoPosition::new(middle.lat_deg, middle.lon_deg, middle.height_m)?;
+            let frame = &EnuFrame::new(middle);
             let map = Map { title: "Tracks", frame, tracks: &tracks, plots: &self.plots };
             write(&folder.join("map.svg"), map.svg()?.as_bytes())?;
         }
@@ -147,7 +168,8 @@ impl Kept {
             }));
         }
         all.sort_by(|one, other| one.0.time_s().total_cmp(&other.0.time_s()));
-        let states = all.iter().map(|(step, state, _)| Ok(geo_track(state, &past_of(step)?, SESSION)?));
+        let states =
+            all.iter().map(|(step, state, _)| Ok(geo_track(state, &past_of(step)?, SESSION)?));
         let states: Vec<GeoTrack> = states.collect::<anyhow::Result<_>>()?;
         if let Some(path) = &files.csv {
             write(path, (csv::header() + &csv::rows(&states)?).as_bytes())?;
@@ -215,7 +237,7 @@ fn past_of(step: &Step) -> anyhow::Result<Past> {
 /// The blocks of all states, those of one time together.
 fn asterix(states: &[GeoTrack], messages: &[Message]) -> anyhow::Result<Vec<u8>> {
     let (mut numbers, mut bytes) = (TrackNumbers::default(), Vec::new());
-    let settings = Cat062Settings::default();
+    let settings = Cat062Settings { sac: 0, sic: 1, origin: Origin::Live, frame: None };
     let mut start = 0;
     for same in states.chunk_by(|a, b| (a.time_unix_s - b.time_unix_s).abs() <= 0.0) {
         let mut entries = Vec::with_capacity(same.len());

@@ -27,7 +27,7 @@ use tokio_util::sync::CancellationToken;
 pub use files::Files;
 
 use crate::map::reorder::{Offer, Origin, Reorder};
-use crate::map::{Follower, WideConfig};
+use crate::map::{Follower, MapConfig, node_of};
 use files::Kept;
 use step::Step;
 use summary::Summary;
@@ -54,7 +54,7 @@ pub struct TrackOptions {
 /// had to be left out. What was settled by then is printed.
 pub async fn track(
     options: TrackOptions,
-    config: WideConfig,
+    config: MapConfig,
     stop: &CancellationToken,
 ) -> anyhow::Result<()> {
     let name = options.input.display().to_string();
@@ -71,7 +71,7 @@ pub async fn track(
 
 fn work(
     options: &TrackOptions,
-    config: &WideConfig,
+    config: &MapConfig,
     stop: &CancellationToken,
 ) -> anyhow::Result<()> {
     options.files.prepare()?;
@@ -130,7 +130,7 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(options: &'a TrackOptions, config: &WideConfig, name: String) -> anyhow::Result<Self> {
+    fn new(options: &'a TrackOptions, config: &MapConfig, name: String) -> anyhow::Result<Self> {
         Ok(Self {
             options,
             name,
@@ -160,10 +160,7 @@ impl<'a> Run<'a> {
         let time_s = scan.time_s();
         let first_s = *self.first_s.get_or_insert(time_s);
         self.newest_s = self.newest_s.max(time_s);
-        let node = match &scan {
-            Scan::Geographic(dwell) => dwell.node.clone(),
-            Scan::Local(local) => local.node.clone(),
-        };
+        let node = node_of(&scan).clone();
         let now = time_of(self.newest_s - first_s);
         let origin = Origin { node, boot: BootId(0), sequence: self.sequence };
         self.sequence += 1;

@@ -86,7 +86,7 @@ impl Step {
         };
         let status = map_status(settled.status);
         let smoothed = (&settled.smoothed_state, &settled.smoothed_covariance);
-        let on_earth = follower.geo_state(smoothed.0, smoothed.1, height_m);
+        let on_earth = follower.placed(smoothed.0, smoothed.1, height_m);
         let taken = source.as_ref().map(|source| source.report.clone());
         let on_map = on_earth.map(|geo| MapTrack {
             id: settled.track,
@@ -105,7 +105,8 @@ impl Step {
             track: settled.track,
             status: status.name(),
             state: json(&settled.state, &settled.covariance),
-            report: source.map(|source| ReportJson::new(source.report, settled.share, source.truth)),
+            report: source
+                .map(|source| ReportJson::new(source.report, settled.share, source.truth)),
             smoothed: json(smoothed.0, smoothed.1),
         };
         let at_m = [settled.smoothed_state.x, settled.smoothed_state.y];
@@ -169,7 +170,7 @@ fn state_json(
     height_m: f64,
 ) -> StateJson {
     let packed = |matrix: &Matrix4<f64>| [matrix[(0, 0)], matrix[(0, 1)], matrix[(1, 1)]];
-    if let Some(geo) = follower.geo_state(state, covariance, height_m) {
+    if let Some(geo) = follower.placed(state, covariance, height_m) {
         let proto::wire::GeoRecord { lat_deg, lon_deg, height_m } = geo.place;
         return StateJson {
             at: PlaceJson::Earth { lat_deg, lon_deg, height_m },

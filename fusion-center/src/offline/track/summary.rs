@@ -123,7 +123,9 @@ impl Summary {
     /// Fails if anything had to be left out.
     pub(super) fn verdict(&self, name: &str) -> anyhow::Result<()> {
         let lost = self.damages.iter().filter(|(label, _)| **label != "undated");
-        let Some((_, (_, first))) = lost.max_by_key(|(_, (count, _))| *count) else { return Ok(()) };
+        let Some((_, (_, first))) = lost.max_by_key(|(_, (count, _))| *count) else {
+            return Ok(());
+        };
         bail!("{name}: {} parts could not be used; one of them: {first}", self.damage_count())
     }
 }
