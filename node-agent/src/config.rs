@@ -8,6 +8,7 @@ use rustfft::num_complex::Complex;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::gmti::GmtiConfig;
 use crate::group::GroupConfig;
 use crate::imaging::canceller::CancellerConfig;
 use crate::pipeline::ChainConfig;
@@ -31,6 +32,8 @@ pub struct AgentConfig {
     pub site: SiteId,
     /// Name of this node.
     pub node: NodeId,
+    /// What kind of radar it is.
+    pub kind: AgentKind,
     /// Where sweeps come from.
     pub source: SourceKind,
     /// How fast and from when the source is played.
@@ -55,6 +58,19 @@ pub struct AgentConfig {
     pub echoes: EchoesConfig,
     /// Settings of the live source.
     pub live: LiveConfig,
+    /// Settings of a wide-area radar.
+    pub gmti: GmtiConfig,
+}
+
+/// What kind of radar an agent is of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AgentKind {
+    /// It images people through walls.
+    #[default]
+    Imaging,
+    /// It sees moving targets on the ground from an aircraft.
+    Gmti,
 }
 
 /// Where sweeps come from.
@@ -126,6 +142,7 @@ impl Default for AgentConfig {
         Self {
             site: SiteId::try_from(name("site")).unwrap_or_else(|_| unreachable!("a valid name")),
             node: NodeId::try_from(name("n1")).unwrap_or_else(|_| unreachable!("a valid name")),
+            kind: AgentKind::default(),
             source: SourceKind::default(),
             play: PlayConfig::default(),
             bus: BusConfig::default(),
@@ -138,6 +155,7 @@ impl Default for AgentConfig {
             recorded: ReplayConfig::default(),
             echoes: EchoesConfig::default(),
             live: LiveConfig::default(),
+            gmti: GmtiConfig::default(),
         }
     }
 }
@@ -192,6 +210,9 @@ impl AgentConfig {
             if !(least..=most).contains(&value) {
                 return Err(InvalidConfig(format!("{name} is {value}: use {least} to {most}")));
             }
+        }
+        if let Some(complaint) = self.gmti.complaint() {
+            return Err(InvalidConfig(complaint));
         }
         // Recorded echoes bring their own radar, with which the chain is checked when it is built.
         if self.source != SourceKind::Echoes {
@@ -296,6 +317,17 @@ mod tests {
         let every_key = toml::Table::try_from(AgentConfig::default()).unwrap();
         let spelled: toml::Table = shipped.parse().unwrap();
         assert_eq!(spelled, every_key, "deploy/node.toml leaves keys out");
+    }
+
+    #[test]
+    fn the_shipped_file_of_a_wide_area_radar_spells_all_its_keys() {
+        let shipped = include_str!("../../deploy/gmti.toml");
+        let config: AgentConfig = toml::from_str(shipped).unwrap();
+        assert_eq!(config.check(), Ok(()));
+        assert_eq!(config, AgentConfig { kind: AgentKind::Gmti, ..AgentConfig::default() });
+        let every_key = toml::Table::try_from(AgentConfig::default()).unwrap();
+        let spelled: toml::Table = shipped.parse().unwrap();
+        assert_eq!(spelled["gmti"], every_key["gmti"], "deploy/gmti.toml leaves keys out");
     }
 
     #[test]

@@ -17,6 +17,21 @@ pub struct Past {
     pub fixes: Vec<GeoFix>,
 }
 
+impl Past {
+    /// Adds where a track is, unless it is known, and who saw it; at most `most` places are kept.
+    pub(super) fn take(&mut self, place: GeoFix, sensor: Option<String>, most: usize) {
+        let is_news = self.fixes.last().is_none_or(|last| last.time_unix_s < place.time_unix_s);
+        if is_news {
+            self.fixes.push(place);
+            let surplus = self.fixes.len().saturating_sub(most);
+            self.fixes.drain(..surplus);
+        }
+        if let Some(sensor) = sensor.filter(|sensor| !self.sensors.contains(sensor)) {
+            self.sensors.push(sensor);
+        }
+    }
+}
+
 /// `track` with its past, under a name that holds for one `session` of the centre.
 ///
 /// # Errors

@@ -1,6 +1,7 @@
 //! The shell around the pipeline: the clock, the network, the workers.
 
 mod clock;
+mod map;
 mod run;
 mod state;
 

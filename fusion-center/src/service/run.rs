@@ -13,8 +13,10 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tracing::{error, info, warn};
 
+use super::map::{Outputs, part, serve_map};
 use super::{Clock, state};
 use crate::config::CentreConfig;
+use crate::map::MapCentre;
 use crate::pipeline::{Centre, Combination, Combined, Effect, Event, Job, Solved};
 use crate::registration::{Solver, build};
 
@@ -24,9 +26,13 @@ const TICK: Duration = Duration::from_millis(50);
 /// Pause between attempts to reach a router.
 const DIAL_PAUSE: Duration = Duration::from_secs(1);
 
+/// Deliveries between the inbox, which counts what it cannot hold, and the loop.
+const PASSING_COUNT: usize = 64;
+
 /// What the centre listens to.
-fn patterns() -> [Pattern; 6] {
+fn patterns() -> [Pattern; 7] {
     [
+        Pattern::AllDwells,
         Pattern::AllPoints,
         Pattern::AllTracks,
         Pattern::AllStatus,
@@ -44,6 +50,9 @@ pub async fn run(config: CentreConfig, stop: CancellationToken) -> anyhow::Resul
     let boot = BootId::random();
     let mut centre = Centre::new(Arc::new(with_workers(config.clone())), boot);
     restore(&config, &mut centre)?;
+    let map = MapCentre::new(config.wide.clone(), config.site.clone(), boot);
+    let map = map.context("configuration: wide")?;
+    let outputs = Outputs::open(&config.wide.output).await?;
     let keys = Keys::new(config.site.clone());
     let (bus, deliveries) = tokio::select! {
         () = stop.cancelled() => return Ok(()),
@@ -52,7 +61,14 @@ pub async fn run(config: CentreConfig, stop: CancellationToken) -> anyhow::Resul
     bus.declare_alive(&Topic::CentreLive(boot)).await?;
     let (site, reference, listen) = (&config.site, &config.reference, &config.bus.listen);
     info!(%site, %reference, %boot, ?listen, "centre is up");
-    serve(config, centre, &bus, deliveries, stop).await;
+    let bus = Arc::new(bus);
+    let (other_sender, others) = mpsc::channel(PASSING_COUNT);
+    let (dwell_sender, dwells) = mpsc::channel(config.bus.inbox_count);
+    let parting = tokio::spawn(part(keys, deliveries, other_sender, dwell_sender));
+    let mapping = tokio::spawn(serve_map(map, outputs, Arc::clone(&bus), dwells, stop.clone()));
+    serve(config, centre, bus.as_ref(), others, stop).await;
+    parting.abort();
+    mapping.await.context("the map's task")?;
     bus.close().await;
     Ok(())
 }

@@ -8,6 +8,7 @@ mod clock;
 mod downlink;
 mod feed;
 mod follow;
+mod gmti;
 mod live;
 mod measure;
 mod output;

@@ -8,8 +8,8 @@ use proto::bus::{Bus, BusError, Delivery, ZenohBus};
 use proto::config::BusConfig;
 use proto::ids::BootId;
 use proto::keys::{Keys, Pattern, Topic};
+use proto::refusals::Refusals;
 use proto::time::ClockEstimate;
-use proto::wire::PointSet;
 use tokio::sync::{broadcast, mpsc, watch};
 use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
@@ -20,8 +20,9 @@ use super::follow::{Follow, Newest};
 use super::live::Live;
 use super::measure::{Measure, Progress, Source};
 use super::output::Output;
-use super::uplink::{self, Sender};
-use crate::config::{AgentConfig, Opened, SourceKind};
+use super::gmti::{self, Gmti};
+use super::uplink::{self, Sender, Uplifted};
+use crate::config::{AgentConfig, AgentKind, Opened, SourceKind};
 use crate::pipeline::Chain;
 
 /// Pauses between attempts to join the network, growing.
@@ -35,6 +36,9 @@ const DRAIN_LIMIT: Duration = Duration::from_secs(1);
 /// # Errors
 /// If the source cannot be opened or a file not be created. A network that is away is no error.
 pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result<()> {
+    if config.kind == AgentKind::Gmti {
+        return run_gmti(config, stop).await;
+    }
     let clock = Clock::start();
     let sender = Sender { node: config.node.clone(), boot: BootId::random(), clock };
     let (config, source, background) = match config.source {
@@ -75,6 +79,32 @@ pub async fn run(config: AgentConfig, stop: CancellationToken) -> anyhow::Result
     Ok(())
 }
 
+/// Runs the agent of a wide-area radar until it is told to stop.
+async fn run_gmti(config: AgentConfig, stop: CancellationToken) -> anyhow::Result<()> {
+    let clock = Clock::start();
+    let sender = Sender { node: config.node.clone(), boot: BootId::random(), clock };
+    let opened = gmti::Opened::open(&config).await?;
+    let (dwells, dwell_receiver) = broadcast::channel(config.bus.history_count);
+    let (progress, progress_shown) = watch::channel(Progress::default());
+    let (dropped, dropped_shown) = watch::channel(0);
+    let (_nobody, nobody_shown) = watch::channel(None);
+    info!(node = %config.node, boot = %sender.boot, source = ?config.gmti.source, "agent is up");
+    let network = Network {
+        keys: Keys::new(config.site.clone()),
+        bus: config.bus.clone(),
+        sender,
+        progress: progress_shown,
+        tracks: nobody_shown,
+        dropped,
+    };
+    let network = tokio::spawn(network.run(dwell_receiver, stop.clone()));
+    let refusals = Refusals::default();
+    let gmti = Gmti { config, clock, dwells, progress, dropped: dropped_shown, refusals };
+    gmti.run(opened, stop.clone()).await;
+    network.await.context("the network task")?;
+    Ok(())
+}
+
 /// The agent's side of the network.
 struct Network {
     keys: Keys,
@@ -87,7 +117,11 @@ struct Network {
 
 impl Network {
     /// Joins, serves until `stop`, leaves.
-    async fn run(self, sets: broadcast::Receiver<(u64, PointSet)>, stop: CancellationToken) {
+    async fn run<M: Uplifted>(
+        self,
+        sets: broadcast::Receiver<(u64, M)>,
+        stop: CancellationToken,
+    ) {
         let joined = tokio::select! {
             () = stop.cancelled() => return,
             joined = self.join() => joined,

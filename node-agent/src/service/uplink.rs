@@ -7,7 +7,7 @@ use proto::bus::Bus;
 use proto::ids::{BootId, NodeId};
 use proto::keys::Topic;
 use proto::time::ClockEstimate;
-use proto::wire::{ClockProbe, Message, NodeStatus, PointSet, Stamp, encode};
+use proto::wire::{ClockProbe, Dwell, Message, NodeStatus, PointSet, Stamp, encode};
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{broadcast, watch};
 use tracing::{error, warn};
@@ -45,20 +45,50 @@ impl Sender {
     }
 }
 
+/// What goes up in order and without gaps.
+pub(super) trait Uplifted: Message + Clone + Send + Sync + 'static {
+    /// Where it goes.
+    fn topic(node: NodeId) -> Topic;
+
+    /// With what is known of the centre's clock.
+    fn clocked(self, clock: Option<ClockEstimate>) -> Self;
+}
+
+impl Uplifted for PointSet {
+    fn topic(node: NodeId) -> Topic {
+        Topic::Points(node)
+    }
+
+    fn clocked(self, clock: Option<ClockEstimate>) -> Self {
+        Self { clock, ..self }
+    }
+}
+
+/// Its times are those of the calendar.
+impl Uplifted for Dwell {
+    fn topic(node: NodeId) -> Topic {
+        Topic::Dwells(node)
+    }
+
+    fn clocked(self, _clock: Option<ClockEstimate>) -> Self {
+        self
+    }
+}
+
 /// Sends sets as they come, with the newest clock estimate; reports how many the ring has dropped
 /// because the network was slower than the radar.
-pub(super) async fn send_sets(
+pub(super) async fn send_sets<M: Uplifted>(
     sender: Sender,
     bus: Arc<impl Bus>,
-    mut sets: broadcast::Receiver<(u64, PointSet)>,
+    mut sets: broadcast::Receiver<(u64, M)>,
     clock: watch::Receiver<Option<ClockEstimate>>,
     dropped: watch::Sender<u64>,
 ) {
-    let topic = Topic::Points(sender.node.clone());
+    let topic = M::topic(sender.node.clone());
     loop {
         match sets.recv().await {
-            Ok((sequence, mut set)) => {
-                set.clock = *clock.borrow();
+            Ok((sequence, set)) => {
+                let set = set.clocked(*clock.borrow());
                 sender.send(bus.as_ref(), &topic, sequence, &set).await;
             }
             Err(RecvError::Lagged(count)) => {
