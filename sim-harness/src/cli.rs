@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
@@ -15,6 +15,7 @@ use crate::plan::merge;
 use crate::report::{Report, Summary};
 use crate::run::{Options, run, unix_now_s};
 use crate::scenario::{Kill, RecordingPlan, Scenario, find, shipped};
+use crate::wide_area::{self, WideScenario};
 
 /// Launches a distributed scenario on localhost and scores what comes out.
 #[derive(Debug, Parser)]
@@ -169,12 +170,16 @@ impl process::HasFlags for Arguments {
 }
 
 fn list(format: Format) -> anyhow::Result<()> {
-    let scenarios = shipped()?;
+    let (scenarios, wide) = (shipped()?, wide_area::shipped()?);
     if format.json {
-        return process::print(&format!("{}\n", serde_json::to_string_pretty(&scenarios)?));
+        let mut all = serde_json::to_value(&scenarios)?;
+        if let Some(list) = all.as_array_mut() {
+            list.push(serde_json::to_value(&wide)?);
+        }
+        return process::print(&format!("{}\n", serde_json::to_string_pretty(&all)?));
     }
-    let lines = scenarios.iter().map(|s| format!("{:14} {}\n", s.name, s.title));
-    process::print(&lines.collect::<String>())
+    let names = scenarios.iter().map(|s| (&s.name, &s.title)).chain([(&wide.name, &wide.title)]);
+    process::print(&names.map(|(name, title)| format!("{name:14} {title}\n")).collect::<String>())
 }
 
 async fn run_all(
@@ -183,6 +188,9 @@ async fn run_all(
     stop: &CancellationToken,
 ) -> anyhow::Result<()> {
     ensure!(0 < flags.seeds, "--seeds is 0: use 1 or more");
+    if let Some(scenario) = wide_area::find(&flags.scenario)? {
+        return run_wide(flags, scenario, log_filter, stop).await;
+    }
     let scenario = flags.scenario()?;
     let folder = new_folder(flags.out.as_deref(), &scenario.name)?;
     let mut reports: Vec<Report> = Vec::new();
@@ -215,6 +223,37 @@ async fn run_all(
         print_many(Summary::new(reports, failed_seeds, needed_share), &folder, flags.format)?
     };
     ensure!(success, "not every node that can be registered was registered within the bounds");
+    Ok(())
+}
+
+/// Runs a scenario of wide-area radars once.
+async fn run_wide(
+    flags: &RunFlags,
+    mut scenario: WideScenario,
+    log_filter: &str,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    let useless = [
+        ("--seeds", 1 < flags.seeds),
+        ("--periods", flags.periods.is_some()),
+        ("--solver", flags.solver.is_some()),
+        ("--recording", flags.recording.is_some()),
+        ("--move", !flags.moves.is_empty()),
+    ];
+    let given = useless.iter().find(|(_, is_given)| *is_given);
+    if let Some((flag, _)) = given {
+        bail!("{flag} has no effect on {}, a scenario of wide-area radars", scenario.name);
+    }
+    scenario.seed = flags.seed.unwrap_or(scenario.seed);
+    scenario.speed = flags.speed.unwrap_or(scenario.speed);
+    scenario.kills.extend(flags.kills.iter().cloned());
+    scenario.kills.sort_by_key(|kill| kill.after_ms);
+    let folder = new_folder(flags.out.as_deref(), &scenario.name)?;
+    let options = Options { folder: &folder, programs: flags.programs.as_deref(), log_filter };
+    let report = wide_area::run(scenario, &options, stop).await?;
+    let json = || Ok::<_, serde_json::Error>(serde_json::to_string(&report)? + "\n");
+    process::print(&if flags.format.json { json()? } else { report.table() })?;
+    ensure!(report.success, "the map is not within the bounds");
     Ok(())
 }
 

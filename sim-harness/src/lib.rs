@@ -16,3 +16,4 @@ mod resources;
 mod run;
 pub mod scenario;
 mod score;
+mod wide_area;

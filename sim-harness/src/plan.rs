@@ -94,7 +94,10 @@ fn agent(
 }
 
 /// `base` with the keys of `table` put over it, however deep they lie.
-fn overlaid<T: Serialize + DeserializeOwned>(base: &T, table: &toml::Table) -> anyhow::Result<T> {
+pub(crate) fn overlaid<T: Serialize + DeserializeOwned>(
+    base: &T,
+    table: &toml::Table,
+) -> anyhow::Result<T> {
     let mut merged = toml::Table::try_from(base)?;
     merge(&mut merged, table);
     Ok(merged.try_into()?)

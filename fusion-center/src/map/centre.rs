@@ -169,7 +169,10 @@ impl MapCentre {
             }
             Offer::Crowded => {
                 let most = self.config.max_sensor_count;
-                return Err(("crowded", format!("more than {most} sensors (wide.max_sensor_count)")));
+                return Err((
+                    "crowded",
+                    format!("more than {most} sensors (wide.max_sensor_count)"),
+                ));
             }
         }
         Ok(())
@@ -209,11 +212,8 @@ impl MapCentre {
         for track in self.follower.tracks() {
             let Some(on_map) = self.follower.map_track(track) else { continue };
             let Ok(place) = fix(&on_map) else { continue };
-            let new = || Past {
-                first_seen_unix_s: track.seen_s,
-                sensors: Vec::new(),
-                fixes: Vec::new(),
-            };
+            let new =
+                || Past { first_seen_unix_s: track.seen_s, sensors: Vec::new(), fixes: Vec::new() };
             let mut past = pasts.remove(&track.id).unwrap_or_else(new);
             past.take(place, on_map.report.map(|report| report.node.to_string()), most);
             self.pasts.insert(track.id, past);

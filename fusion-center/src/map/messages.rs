@@ -68,10 +68,7 @@ impl Messages {
     ///
     /// # Errors
     /// If a track says something that is not possible.
-    pub fn files(
-        &self,
-        shown: &Shown,
-    ) -> Result<Vec<(std::path::PathBuf, String)>, ExportError> {
+    pub fn files(&self, shown: &Shown) -> Result<Vec<(std::path::PathBuf, String)>, ExportError> {
         let mut files = Vec::new();
         if let Some(path) = &self.config.geojson {
             files.push((path.clone(), geojson::collection(&shown.tracks)?));

@@ -28,8 +28,7 @@ pub(super) async fn part(
 ) {
     let mut dropped_count: u64 = 0;
     while let Some(delivery) = from.recv().await {
-        let is_dwell =
-            matches!(keys.parse(&delivery.key), Ok(proto::keys::Topic::Dwells(_)));
+        let is_dwell = matches!(keys.parse(&delivery.key), Ok(proto::keys::Topic::Dwells(_)));
         if !is_dwell {
             // The inbox before counts what this loop does not take in time.
             if others.send(delivery).await.is_err() {
@@ -107,11 +106,9 @@ impl Outputs {
     /// # Errors
     /// If one cannot be opened, or a file not be written where it is configured.
     pub(super) async fn open(config: &OutputConfig) -> anyhow::Result<Self> {
-        for (key, path) in [
-            ("geojson", &config.geojson),
-            ("kml", &config.kml),
-            ("csv", &config.csv),
-        ] {
+        for (key, path) in
+            [("geojson", &config.geojson), ("kml", &config.kml), ("csv", &config.csv)]
+        {
             let Some(path) = path else { continue };
             state::check_writable(path).with_context(|| format!("wide.output.{key}"))?;
         }

@@ -64,7 +64,9 @@ impl GmtiConfig {
             return Some(format!("gmti.{error}"));
         }
         if self.source == GmtiSource::File && self.path.as_os_str().is_empty() {
-            return Some("gmti.path is empty: name a file of STANAG 4607, CSV or JSON Lines".into());
+            return Some(
+                "gmti.path is empty: name a file of STANAG 4607, CSV or JSON Lines".into(),
+            );
         }
         if self.socket_address().is_none() {
             let remedy = "use ADDRESS:PORT with a numeric address";

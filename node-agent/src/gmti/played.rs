@@ -87,9 +87,9 @@ impl Played {
     /// If the source cannot go on.
     pub fn next(&mut self) -> Result<Next, PlayedError> {
         match &mut self.kind {
-            Kind::Simulated(simulated) => Ok(simulated
-                .next_dwell()?
-                .map_or(Next::End, |dwell| Next::Dwell(Box::new(dwell)))),
+            Kind::Simulated(simulated) => {
+                Ok(simulated.next_dwell()?.map_or(Next::End, |dwell| Next::Dwell(Box::new(dwell))))
+            }
             Kind::Recorded { input, waiting } => {
                 let mut found = Vec::new();
                 while waiting.is_empty() {

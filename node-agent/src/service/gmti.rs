@@ -57,9 +57,7 @@ impl Opened {
             GmtiSource::Simulated | GmtiSource::File => {
                 Ok(Self::Played(Box::new(Played::open(gmti, &config.node)?)))
             }
-            GmtiSource::Udp => {
-                Ok(Self::Udp(UdpSocket::bind(address?).await.with_context(named)?))
-            }
+            GmtiSource::Udp => Ok(Self::Udp(UdpSocket::bind(address?).await.with_context(named)?)),
             GmtiSource::Tcp if gmti.dial => Ok(Self::Dial(address?)),
             GmtiSource::Tcp => {
                 Ok(Self::Listen(TcpListener::bind(address?).await.with_context(named)?))

@@ -17,10 +17,10 @@ use tracing::{info, warn};
 use super::clock::Clock;
 use super::downlink::{Downlink, Heard};
 use super::follow::{Follow, Newest};
+use super::gmti::{self, Gmti};
 use super::live::Live;
 use super::measure::{Measure, Progress, Source};
 use super::output::Output;
-use super::gmti::{self, Gmti};
 use super::uplink::{self, Sender, Uplifted};
 use crate::config::{AgentConfig, AgentKind, Opened, SourceKind};
 use crate::pipeline::Chain;
@@ -117,11 +117,7 @@ struct Network {
 
 impl Network {
     /// Joins, serves until `stop`, leaves.
-    async fn run<M: Uplifted>(
-        self,
-        sets: broadcast::Receiver<(u64, M)>,
-        stop: CancellationToken,
-    ) {
+    async fn run<M: Uplifted>(self, sets: broadcast::Receiver<(u64, M)>, stop: CancellationToken) {
         let joined = tokio::select! {
             () = stop.cancelled() => return,
             joined = self.join() => joined,

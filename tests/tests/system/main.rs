@@ -20,3 +20,4 @@ mod recordings;
 mod register;
 mod support;
 mod tracks;
+mod wide_area;

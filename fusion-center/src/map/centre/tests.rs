@@ -1,6 +1,6 @@
 //! Dwells of several sensors, late, doubled and damaged, through the state machine.
 
-use proto::wire::{DwellArea, DwellReport, GeoRecord, Message, MapStatus};
+use proto::wire::{DwellArea, DwellReport, GeoRecord, MapStatus, Message};
 use tokio::time::Instant;
 
 use super::*;
@@ -156,7 +156,8 @@ fn the_same_events_give_the_same_bytes() {
         let mut centre = centre(with_files());
         let mut all = Vec::new();
         for scan in 0..10_u64 {
-            let effects = send(&mut centre, 4.0 * scan as f64, &dwell("a", 4.0 * scan as f64), scan);
+            let effects =
+                send(&mut centre, 4.0 * scan as f64, &dwell("a", 4.0 * scan as f64), scan);
             all.extend(effects.iter().map(|effect| format!("{effect:?}")));
         }
         all
