@@ -246,8 +246,9 @@ impl MapCentre {
                 let past = self.pasts.get(&track.id)?;
                 geo_track(track, past, &session).ok()
             });
-            let (tracks, is_simulated) = (geo.collect(), self.is_simulated);
-            effects.push(MapEffect::Show(Box::new(Shown { time_unix_s, is_simulated, tracks })));
+            let (geo_tracks, is_simulated) = (geo.collect(), self.is_simulated);
+            let shown = Shown { time_unix_s, is_simulated, tracks: geo_tracks };
+            effects.push(MapEffect::Show(Box::new(shown)));
         }
         effects
     }

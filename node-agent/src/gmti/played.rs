@@ -85,19 +85,17 @@ impl Played {
     ///
     /// # Errors
     /// If the source cannot go on.
-    pub fn next(&mut self) -> Result<Next, PlayedError> {
+    pub fn advance(&mut self) -> Result<Next, PlayedError> {
         match &mut self.kind {
             Kind::Simulated(simulated) => {
                 Ok(simulated.next_dwell()?.map_or(Next::End, |dwell| Next::Dwell(Box::new(dwell))))
             }
             Kind::Recorded { input, waiting } => {
                 let mut found = Vec::new();
-                while waiting.is_empty() {
-                    let goes_on = input.advance(&mut found)?;
+                let mut goes_on = true;
+                while waiting.is_empty() && goes_on {
+                    goes_on = input.advance(&mut found)?;
                     waiting.extend(found.drain(..));
-                    if !goes_on && waiting.is_empty() {
-                        return Ok(Next::End);
-                    }
                 }
                 Ok(waiting.pop_front().map_or(Next::End, taken))
             }
@@ -133,7 +131,7 @@ mod tests {
         let mut played = Played::open(config, &node()).unwrap();
         let (mut dwells, mut labels) = (Vec::new(), Vec::new());
         loop {
-            match played.next().unwrap() {
+            match played.advance().unwrap() {
                 Next::Dwell(dwell) => dwells.push(*dwell),
                 Next::Damage(label, _) => labels.push(label),
                 Next::End => return (dwells, labels),

@@ -95,7 +95,7 @@ impl Gmti {
         let name = self.config.gmti.path.display().to_string();
         let mut first_s = None;
         loop {
-            let next = tokio::task::block_in_place(|| played.next());
+            let next = tokio::task::block_in_place(|| played.advance());
             let dwell = match next {
                 Ok(Next::Dwell(dwell)) => *dwell,
                 Ok(Next::Damage(label, reason)) => {

@@ -80,11 +80,9 @@ impl PacketScans {
         for segment in &packet.segments {
             match segment {
                 Segment::Mission(mission) => {
-                    forget_first(&mut self.clocks, &platform);
-                    let clock = self.clocks.entry(platform.clone()).or_default();
-                    if let Err(fault) = clock.set(mission) {
-                        into.push(Err(Damage::Mission { platform: platform.clone(), fault }));
-                    }
+                    let clock = self.clock(&platform).set(mission);
+                    let damage = |fault| Damage::Mission { platform: platform.clone(), fault };
+                    into.extend(clock.err().map(|fault| Err(damage(fault))));
                 }
                 Segment::JobDefinition(job) => {
                     let key = (platform.clone(), job.job_id);
@@ -100,6 +98,11 @@ impl PacketScans {
                 _ => {}
             }
         }
+    }
+
+    fn clock(&mut self, platform: &str) -> &mut MissionClock {
+        forget_first(&mut self.clocks, &platform.to_owned());
+        self.clocks.entry(platform.to_owned()).or_default()
     }
 
     fn take_dwell(
@@ -150,9 +153,7 @@ impl PacketScans {
         into: &mut Vec<Result<Scan, Damage>>,
     ) -> Option<f64> {
         let is_new = !self.clocks.contains_key(platform);
-        forget_first(&mut self.clocks, &platform.to_owned());
-        let clock = self.clocks.entry(platform.to_owned()).or_default();
-        let dated = clock.unix_s(dwell.time_ms);
+        let dated = self.clock(platform).unix_s(dwell.time_ms);
         if dated.is_none() && is_new {
             into.push(Err(Damage::Undated { platform: platform.to_owned() }));
         }

@@ -146,8 +146,8 @@ impl Kept {
         if let Some(folder) = &files.figures {
             let middle = frame.place(&Vector2::zeros(), frame.height_m())?;
             let middle = GeoPosition::new(middle.lat_deg, middle.lon_deg, middle.height_m)?;
-            let frame = &EnuFrame::new(middle);
-            let map = Map { title: "Tracks", frame, tracks: &tracks, plots: &self.plots };
+            let enu = EnuFrame::new(middle);
+            let map = Map { title: "Tracks", frame: &enu, tracks: &tracks, plots: &self.plots };
             write(&folder.join("map.svg"), map.svg()?.as_bytes())?;
         }
         Ok(())

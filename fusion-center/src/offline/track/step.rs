@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix4, Vector4};
 use proto::ids::NodeId;
-use proto::wire::{MapReport, MapStatus, MapTrack, packed_covariance};
+use proto::wire::{GeoRecord, MapReport, MapStatus, MapTrack, packed_covariance};
 use serde::Serialize;
 
 use crate::map::{Follower, map_status};
@@ -171,7 +171,7 @@ fn state_json(
 ) -> StateJson {
     let packed = |matrix: &Matrix4<f64>| [matrix[(0, 0)], matrix[(0, 1)], matrix[(1, 1)]];
     if let Some(geo) = follower.placed(state, covariance, height_m) {
-        let proto::wire::GeoRecord { lat_deg, lon_deg, height_m } = geo.place;
+        let GeoRecord { lat_deg, lon_deg, .. } = geo.place;
         return StateJson {
             at: PlaceJson::Earth { lat_deg, lon_deg, height_m },
             vx_m_per_s: geo.velocity_m_per_s.x,
