@@ -6,9 +6,9 @@
 //! default, the association of \[wide-area\], and its two rivals.
 
 pub mod assign;
-pub mod default;
 mod check;
 mod config;
+pub mod default;
 pub mod gate;
 pub mod links;
 pub mod paper;

@@ -10,8 +10,8 @@ mod codec;
 mod command;
 mod dwell;
 mod header;
-mod people;
 mod map;
+mod people;
 mod sweep;
 mod to_agent;
 mod to_centre;
@@ -22,8 +22,8 @@ pub use codec::{MAX_PAYLOAD_BYTES, Message, Received, Stamp, decode, encode};
 pub use command::{Answer, Command, StatedPose};
 pub use dwell::{Dwell, DwellArea, DwellReport, FlightRecord, GeoRecord};
 pub use header::{HEADER_BYTES, Kind, Refusal};
-pub use people::{PersonInPicture, PointOfPerson};
 pub use map::{MapCounts, MapReport, MapStatus, MapTrack, MapTracks};
+pub use people::{PersonInPicture, PointOfPerson};
 pub use sweep::{RawSweep, SWEEP_HEADER_BYTES, SweepRefusal};
 pub use to_agent::{
     ClockAnswer, Evidence, FusedTarget, NodeInPicture, NodeState, Outcome, Picture, PoseRecord,

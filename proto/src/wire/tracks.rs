@@ -91,8 +91,8 @@ pub(super) fn moving(
     }
     let [xx, xy, _, _, yy, ..] = *packed;
     covariance(names[3], [xx, xy, yy])?;
-    let good =
-        packed.iter().all(|entry| entry.is_finite()) && unpacked_covariance(packed).cholesky().is_some();
+    let good = packed.iter().all(|entry| entry.is_finite())
+        && unpacked_covariance(packed).cholesky().is_some();
     require(good, names[3], packed, "a positive definite covariance is expected")
 }
 
