@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
 
-use crate::montecarlo::{self, indoors, mean_shift, wide_area};
+use crate::montecarlo::{self, indoors, mean_shift, wide_area as wide_area_paper};
 use crate::moves::NodeMove;
 use crate::plan::merge;
 use crate::report::{Report, Summary};
@@ -116,7 +116,7 @@ enum OtherExperiment {
     /// tracker on the same flights; and the load that many targets are.
     WideArea {
         #[command(flatten)]
-        experiment: wide_area::Flags,
+        experiment: wide_area_paper::Flags,
         #[command(flatten)]
         output: Output,
     },
@@ -302,10 +302,14 @@ fn rehearse(
     output.print(&folder, report.json()?, &report.table())
 }
 
-fn fly(flags: &wide_area::Flags, output: &Output, stop: &CancellationToken) -> anyhow::Result<()> {
-    let experiment = wide_area::Experiment::new(flags)?;
+fn fly(
+    flags: &wide_area_paper::Flags,
+    output: &Output,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
+    let experiment = wide_area_paper::Experiment::new(flags)?;
     let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
-    let report = wide_area::run(&experiment, &folder, stop)?;
+    let report = wide_area_paper::run(&experiment, &folder, stop)?;
     output.print(&folder, report.json()?, &report.table())
 }
 

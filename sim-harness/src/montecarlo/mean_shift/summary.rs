@@ -79,7 +79,8 @@ fn of_moment(score: Score) -> MomentFigures {
     }
 }
 
-fn figures(trials: &[Score], seed: u64) -> Figures {
+/// The figures of these trials; the intervals follow from `seed`.
+pub(in super::super) fn figures(trials: &[Score], seed: u64) -> Figures {
     let all = Bootstrap::new(trials, seed);
     let figure = |of: &dyn Fn(&Score) -> Option<f64>| all.figure(of);
     let run_count = trials.len().max(1) as f64;
