@@ -43,6 +43,15 @@ pub(super) struct Moment {
     pub(super) fresh: bool,
 }
 
+/// Where a state comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Origin {
+    /// The state of the moment before.
+    Before,
+    /// A new beginning.
+    Anew,
+}
+
 /// What is believed of a target if it took certain plots.
 #[derive(Clone, Debug)]
 pub(super) struct Branch {
@@ -157,7 +166,7 @@ impl Branch {
     }
 
     /// The newest look, to be remembered.
-    pub(super) fn moment(&self, report: Option<ReportId>, fresh: bool) -> Moment {
+    pub(super) fn moment(&self, report: Option<ReportId>, origin: Origin) -> Moment {
         let stopped = self.stand.filter(|_| self.status == Status::Stopped);
         let imm = stopped.map_or(self.imm, |stand| Imm::new(stand.place, 1.0));
         Moment {
@@ -166,7 +175,7 @@ impl Branch {
             status: self.status,
             report,
             share: self.last_share,
-            fresh: fresh || stopped.is_some(),
+            fresh: origin == Origin::Anew || stopped.is_some(),
         }
     }
 
@@ -200,7 +209,7 @@ impl Branch {
         self.last_share = 1.0;
         self.stand = None;
         self.confirm(config);
-        self.moment(Some(self.last_report), fresh)
+        self.moment(Some(self.last_report), if fresh { Origin::Anew } else { Origin::Before })
     }
 
     /// Goes on without a plot.
@@ -223,7 +232,7 @@ impl Branch {
         } else if was_stopped {
             self.status = Status::Coasting;
         }
-        self.moment(None, was_stopped)
+        self.moment(None, if was_stopped { Origin::Anew } else { Origin::Before })
     }
 
     fn may_stop(&mut self, row: &Row, look: &Look<'_>, config: &DefaultConfig) {

@@ -300,7 +300,8 @@ mod tests {
 
     #[test]
     fn settings_out_of_range_are_named() {
-        let break_one: [(&str, fn(&mut DefaultConfig)); 6] = [
+        type Change = fn(&mut DefaultConfig);
+        let break_one: [(&str, Change); 6] = [
             ("push_m2_per_s3", |config| config.lively.push_m2_per_s3 = 0.0),
             ("memory_s", |config| config.steady.memory_s = f64::NAN),
             ("stop_per_s", |config| config.stop_per_s = -1.0),

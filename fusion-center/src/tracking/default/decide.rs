@@ -117,14 +117,13 @@ impl DefaultTracker {
         let mut joint = Hypotheses::default();
         joint.costs.push(0.0);
         for target in group {
-            match self.targets[*target as usize].cluster {
-                None => joint = joint.product(&Hypotheses::single(*target), limit),
-                Some(index) => {
-                    let cluster = std::mem::take(&mut self.clusters[index as usize]);
-                    if !cluster.members.is_empty() {
-                        joint = joint.product(&cluster, limit);
-                    }
-                }
+            let part = match self.targets[*target as usize].cluster {
+                None => Hypotheses::single(*target),
+                Some(index) => std::mem::take(&mut self.clusters[index as usize]),
+            };
+            // A cluster is taken with the first of its members.
+            if !part.members.is_empty() {
+                joint = joint.product(&part, limit);
             }
         }
         for target in &joint.members {
@@ -194,14 +193,10 @@ impl DefaultTracker {
             leaves: vec![0; width * ways.len()],
         };
         for member in 0..width {
+            let key = |way: &Way| (joint.leaves_of(way.hypothesis)[member], way.tags[member]);
             let mut made: Vec<(u16, u32)> = Vec::new();
             for (index, way) in ways.iter().enumerate() {
-                let key = (joint.leaves_of(way.hypothesis)[member], way.tags[member]);
-                let at = made.iter().position(|other| *other == key).unwrap_or_else(|| {
-                    made.push(key);
-                    made.len() - 1
-                });
-                next.leaves[index * width + member] = u16::try_from(at).unwrap_or(u16::MAX);
+                next.leaves[index * width + member] = place_in(&mut made, key(way));
             }
             self.branch(joint.members[member], &made, look);
         }
@@ -290,17 +285,28 @@ impl DefaultTracker {
     }
 }
 
+/// Where `key` is in `made`; it is put there if it is not yet.
+fn place_in(made: &mut Vec<(u16, u32)>, key: (u16, u32)) -> u16 {
+    let known = made.iter().position(|other| *other == key);
+    let at = known.unwrap_or(made.len());
+    if known.is_none() {
+        made.push(key);
+    }
+    // Far fewer: at most one for each hypothesis.
+    u16::try_from(at).unwrap_or(u16::MAX)
+}
+
 /// Sets what is shown of the targets of a cluster: the branch of the best hypothesis.
 pub(super) fn show_best(targets: &mut [Target], joint: &Hypotheses) {
     let best = joint.leaves_of(joint.best()).to_vec();
     for (place, (member, leaf)) in joint.members.iter().zip(best).enumerate() {
         let target = &mut targets[*member as usize];
         target.best = leaf;
-        let last = |leaf: u16| target.leaves[usize::from(leaf)].last_report;
+        let last = |index: u16| target.leaves[usize::from(index)].last_report;
         let shares = joint.shares_by(place, last);
-        for leaf in &mut target.leaves {
-            let own = shares.iter().find(|(report, _)| *report == leaf.last_report);
-            leaf.last_share = own.map_or(0.0, |(_, share)| *share);
+        for branch in &mut target.leaves {
+            let own = shares.iter().find(|(report, _)| *report == branch.last_report);
+            branch.last_share = own.map_or(0.0, |(_, share)| *share);
         }
     }
 }

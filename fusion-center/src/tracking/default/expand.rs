@@ -158,23 +158,24 @@ mod tests {
         (costs, (0..3).map(|_| (0..4).map(|_| member()).collect()).collect())
     }
 
+    /// The cost of a hypothesis with the option at digit `code` for each member, if no plot is taken
+    /// twice.
+    fn cost_of(cost: f64, of: &[Vec<Choice>], code: usize) -> Option<f64> {
+        let digits = [code % 4, code / 4 % 4, code / 16 % 4, code / 64];
+        let chosen = || of.iter().zip(digits).map(|(options, digit)| options[digit]);
+        let mut plots: Vec<u32> = chosen().filter_map(|choice| choice.plot).collect();
+        let count = plots.len();
+        plots.sort_unstable();
+        plots.dedup();
+        (plots.len() == count).then(|| cost + chosen().map(|choice| choice.cost).sum::<f64>())
+    }
+
     /// Every combination, one after the other.
     fn all(costs: &[f64], options: &[Vec<Vec<Choice>>]) -> Vec<f64> {
-        let mut sums = Vec::new();
-        for (cost, of) in costs.iter().zip(options) {
-            for code in 0..4_usize.pow(4) {
-                let chosen: Vec<&Choice> = (0..4)
-                    .map(|member| &of[member][code / 4_usize.pow(member as u32) % 4])
-                    .collect();
-                let mut plots: Vec<u32> = chosen.iter().filter_map(|choice| choice.plot).collect();
-                let count = plots.len();
-                plots.sort_unstable();
-                plots.dedup();
-                if plots.len() == count {
-                    sums.push(cost + chosen.iter().map(|choice| choice.cost).sum::<f64>());
-                }
-            }
-        }
+        let of = |index: usize| {
+            (0..256).filter_map(move |code| cost_of(costs[index], &options[index], code))
+        };
+        let mut sums: Vec<f64> = (0..costs.len()).flat_map(of).collect();
         sums.sort_by(f64::total_cmp);
         sums
     }

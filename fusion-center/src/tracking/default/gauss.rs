@@ -176,10 +176,10 @@ impl Gauss {
         let gain =
             rows.map(|[x, y]| [x * inverse[0] + y * inverse[1], x * inverse[1] + y * inverse[2]]);
         let mut at = 0;
-        for row in 0..4 {
-            self.mean[row] += gain[row][0] * dx + gain[row][1] * dy;
-            for column in row..4 {
-                self.cov[at] -= gain[row][0] * rows[column][0] + gain[row][1] * rows[column][1];
+        for (row, [gain_x, gain_y]) in gain.into_iter().enumerate() {
+            self.mean[row] += gain_x * dx + gain_y * dy;
+            for [x, y] in &rows[row..] {
+                self.cov[at] -= gain_x * x + gain_y * y;
                 at += 1;
             }
         }

@@ -21,6 +21,7 @@ impl Hypotheses {
     }
 
     /// How many there are.
+    #[cfg(test)]
     pub(super) fn count(&self) -> usize {
         self.costs.len()
     }

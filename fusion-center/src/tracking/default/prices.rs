@@ -40,18 +40,16 @@ impl Prices {
     /// Lowers each price that is too high; whether any was.
     fn round(&mut self, edges: &Edges, own: &[u32]) -> bool {
         let mut changed = false;
-        for (row, own) in own.iter().enumerate() {
-            let own_cost = |column: usize, cost: f64| {
-                (column == *own as usize).then(|| cost - self.of_columns[column])
-            };
-            let price = edges.row(row).find_map(|(column, cost)| own_cost(column, cost));
-            let price = price.unwrap_or(0.0);
+        for (row, taken) in own.iter().enumerate() {
+            let taken = *taken as usize;
+            let tight = edges.cost(row, taken).map(|cost| cost - self.of_columns[taken]);
+            let price = tight.unwrap_or(0.0);
             self.of_rows[row] = price;
-            for (column, cost) in edges.row(row) {
-                if column != *own as usize && cost - price < self.of_columns[column] - ROUNDING {
-                    self.of_columns[column] = cost - price;
-                    changed = true;
-                }
+            for (column, cost) in edges.row(row).filter(|(column, _)| *column != taken) {
+                let high = self.of_columns[column];
+                let low = high.min(cost - price);
+                changed |= low < high - ROUNDING;
+                self.of_columns[column] = low;
             }
         }
         changed
@@ -85,6 +83,23 @@ mod tests {
         best
     }
 
+    /// How many of a problem's bounds are met.
+    fn met(costs: &[[f64; 3]; 3], prices: &Prices) -> usize {
+        let best = least(costs, |_| true);
+        let mut exact = 0;
+        for row in 0..3 {
+            let alone = least(costs, |of| of[row] == 3) - best;
+            assert!(-prices.of_rows[row] <= alone + TOLERANCE);
+            for column in 0..3 {
+                let more = least(costs, |of| of[row] == column) - best;
+                let bound = costs[row][column] - prices.of_rows[row] - prices.of_columns[column];
+                assert!(-TOLERANCE <= bound && bound <= more + TOLERANCE);
+                exact += usize::from(more - bound < TOLERANCE);
+            }
+        }
+        exact
+    }
+
     #[test]
     fn prices_bound_what_another_pair_costs() {
         let mut exact = 0;
@@ -100,22 +115,11 @@ mod tests {
             let mut solver = Solver::default();
             let solved = solver.solve(&edges);
             let own: Vec<u32> = (0..3)
-                .map(|row| solved.column_of(row).map_or(NONE, |column| column as u32))
+                .map(|row| solved.column_of(row).map_or(NONE, super::super::work::short))
                 .collect();
             let mut prices = Prices::default();
             prices.raise(&edges, &own);
-            let best = least(&costs, |_| true);
-            for row in 0..3 {
-                let alone = least(&costs, |of| of[row] == 3) - best;
-                assert!(-prices.of_rows[row] <= alone + TOLERANCE);
-                for column in 0..3 {
-                    let more = least(&costs, |of| of[row] == column) - best;
-                    let bound =
-                        costs[row][column] - prices.of_rows[row] - prices.of_columns[column];
-                    assert!(-TOLERANCE <= bound && bound <= more + TOLERANCE);
-                    exact += usize::from(more - bound < TOLERANCE);
-                }
-            }
+            exact += met(&costs, &prices);
         }
         assert!(800 < exact, "near half of the bounds are met: {exact} of 1800");
     }

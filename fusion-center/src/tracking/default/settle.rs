@@ -1,5 +1,7 @@
 //! Deciding what is ripe: where all hypotheses agree, or the lag has passed.
 
+use crate::tracking::ReportId;
+
 use super::decide::show_best;
 use super::hypotheses::Hypotheses;
 use super::target::Target;
@@ -10,15 +12,7 @@ use super::target::Target;
 pub(super) fn settle(targets: &mut [Target], joint: &mut Hypotheses, lag_scans: usize) {
     for place in 0..joint.members.len() {
         let index = joint.members[place] as usize;
-        while !targets[index].leaves[0].open.is_empty() {
-            let shares = joint.shares_by(place, |leaf| targets[index].first_open(leaf));
-            if 1 < shares.len() && targets[index].open_scans() < lag_scans {
-                break;
-            }
-            let mut best = shares[0];
-            for other in &shares {
-                best = if best.1 < other.1 { *other } else { best };
-            }
+        while let Some(best) = ripe(&targets[index], joint, place, lag_scans) {
             joint.retain(|leaves| targets[index].first_open(leaves[place]) == best.0);
             forget_unnamed(targets, joint);
             targets[index].commit_first(best.1);
@@ -26,6 +20,24 @@ pub(super) fn settle(targets: &mut [Target], joint: &mut Hypotheses, lag_scans: 
     }
     forget_unnamed(targets, joint);
     show_best(targets, joint);
+}
+
+/// What a target's oldest open moment is decided to be, and how probable that is; none if it waits.
+fn ripe(
+    target: &Target,
+    joint: &Hypotheses,
+    place: usize,
+    lag_scans: usize,
+) -> Option<(Option<ReportId>, f64)> {
+    if target.leaves[0].open.is_empty() {
+        return None;
+    }
+    let shares = joint.shares_by(place, |leaf| target.first_open(leaf));
+    if 1 < shares.len() && target.open_scans() < lag_scans {
+        return None;
+    }
+    // The first of equals, whatever the order of hypotheses after it.
+    shares.into_iter().reduce(|best, other| if best.1 < other.1 { other } else { best })
 }
 
 /// Forgets branches that no hypothesis names.

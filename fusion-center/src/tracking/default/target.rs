@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::tracking::{ReportId, Settled, Status, Track};
 
-use super::branch::{Branch, Moment};
+use super::branch::{Branch, Moment, Origin};
 use super::config::DefaultConfig;
 use super::smooth::smoothed;
 
@@ -30,7 +30,7 @@ fn was_confirmed(moments: &[Moment]) -> bool {
 impl Target {
     /// One that begins with a branch.
     pub(super) fn new(id: u64, branch: Branch) -> Self {
-        let first = branch.moment(Some(branch.last_report), true);
+        let first = branch.moment(Some(branch.last_report), Origin::Anew);
         let trunk = VecDeque::from([first]);
         Self { id, trunk, leaves: vec![branch], best: 0, cluster: None }
     }

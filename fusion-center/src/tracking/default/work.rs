@@ -2,7 +2,7 @@
 //!
 //! All memory is kept from look to look.
 
-use crate::tracking::assign::{Edges, Solver};
+use crate::tracking::assign::{AssignError, Edges, Solver};
 use crate::tracking::gate::{Grid, cell_size_m};
 use crate::tracking::{Area, Look};
 
@@ -111,8 +111,13 @@ impl Work {
                 self.rows.push(row);
             }
             let end_row = short(self.rows.len());
-            let target = short(index);
-            self.touched.push(Touched { target, first_row, end_row, own: NONE, unclear: false });
+            self.touched.push(Touched {
+                target: short(index),
+                first_row,
+                end_row,
+                own: NONE,
+                unclear: false,
+            });
         }
         self.find_edges(targets, look, config);
         self.drop_unseen();
@@ -187,23 +192,11 @@ impl Work {
     }
 
     /// Finds the best assignment of the touched targets at `places`, and which of them contest a
-    /// plot within `margin` nats; joins those to groups.
+    /// plot within `most` nats, or less for tentative tracks; joins those to groups.
     pub(super) fn contest(&mut self, places: std::ops::Range<usize>, most: f64) {
-        if self.matrix.begin(self.used.len()).is_err() {
+        // Costs are numbers and plots are named once, so that nothing is refused.
+        if self.fill_matrix(places.clone()).is_err() {
             return;
-        }
-        for place in places.clone() {
-            let touched = self.touched[place];
-            self.cheapest_pairs(&touched);
-            for (plot, cost) in &self.pairs {
-                // Costs are numbers, plots are named once.
-                if self.matrix.push(*plot as usize, *cost).is_err() {
-                    continue;
-                }
-            }
-            if self.matrix.end_row().is_err() {
-                return;
-            }
         }
         let count = self.place_of.len();
         self.above.clear();
@@ -214,27 +207,35 @@ impl Work {
         self.own.clear();
         self.own.extend((0..places.len()).map(|row| solved.column_of(row).map_or(NONE, short)));
         self.prices.raise(&self.matrix, &self.own);
+        let few = most.min(ALONE_NATS);
         for (row, place) in places.enumerate() {
+            let is_tentative = 0.0 < self.rows[self.touched[place].first_row as usize].bias;
+            let margin = if is_tentative { few } else { most };
             let touched = &mut self.touched[place];
             touched.own = self.own[row];
             let price = self.prices.of_rows[row];
-            let few = most.min(ALONE_NATS);
-            let is_tentative = 0.0 < self.rows[touched.first_row as usize].bias;
-            let margin = if is_tentative { few } else { most };
             touched.unclear = touched.own != NONE && -price <= few;
-            for (plot, cost) in self.matrix.row(row) {
-                if margin < cost - price - self.prices.of_columns[plot] {
-                    continue;
-                }
+            let columns = &self.prices.of_columns;
+            let near = |(plot, cost): &(usize, f64)| cost - price - columns[*plot] <= margin;
+            for (plot, _) in self.matrix.row(row).filter(near) {
                 touched.unclear |= short(plot) != touched.own;
-                let first = &mut self.first[plot];
-                if *first == NONE {
-                    *first = touched.target;
-                } else {
-                    join(&mut self.above, *first, touched.target);
-                }
+                contend(&mut self.above, &mut self.first[plot], touched.target);
             }
         }
+    }
+
+    /// Fills in what each touched target at `places` pays for each plot.
+    fn fill_matrix(&mut self, places: std::ops::Range<usize>) -> Result<(), AssignError> {
+        self.matrix.begin(self.used.len())?;
+        for place in places {
+            let touched = self.touched[place];
+            self.cheapest_pairs(&touched);
+            for (plot, cost) in &self.pairs {
+                self.matrix.push(*plot as usize, *cost)?;
+            }
+            self.matrix.end_row()?;
+        }
+        Ok(())
     }
 
     /// Joins two targets to a group.
@@ -255,6 +256,14 @@ fn top(above: &mut [u32], mut of: u32) -> u32 {
         of = next;
     }
     of
+}
+
+/// Joins a target to the first that contests the same plot.
+fn contend(above: &mut [u32], first: &mut u32, target: u32) {
+    if *first == NONE {
+        *first = target;
+    }
+    join(above, *first, target);
 }
 
 fn join(above: &mut [u32], one: u32, other: u32) {

@@ -14,8 +14,8 @@ const PERIOD_S: f64 = 5.0;
 const DETECTION: f64 = 0.9;
 /// Area per target, m²: 1,000 in 800 km².
 const AREA_PER_TARGET_M2: f64 = 8e5;
-/// False plots per target and scan.
-const CLUTTER_SHARE: f64 = 0.2;
+/// Targets for each false plot of a scan.
+const PLOTS_PER_FALSE_ONE: usize = 5;
 
 fn sensor() -> Sensor {
     Sensor {
@@ -30,7 +30,7 @@ fn sensor() -> Sensor {
 fn observed(starts: &[[f64; 4]], side_m: f64, seed: u64) -> Scene {
     let mut rng = rng(seed, 1);
     let mut scene = Scene { looks: Vec::new(), truth: Vec::new() };
-    let clutter = (CLUTTER_SHARE * starts.len() as f64).round() as usize;
+    let clutter = starts.len() / PLOTS_PER_FALSE_ONE;
     for scan in 0..SCANS {
         let time_s = PERIOD_S * scan as f64;
         let states: Vec<[f64; 4]> =
@@ -52,7 +52,7 @@ fn observed(starts: &[[f64; 4]], side_m: f64, seed: u64) -> Scene {
             sensor_index: 0,
             platform: Some(sensor().platform()),
             coverage: Coverage { detection_probability: DETECTION, ..EVERYWHERE },
-            clutter_per_m2: CLUTTER_SHARE / AREA_PER_TARGET_M2,
+            clutter_per_m2: 1.0 / (PLOTS_PER_FALSE_ONE as f64 * AREA_PER_TARGET_M2),
             plots,
             truths,
         });
@@ -144,28 +144,19 @@ fn study_one_load() {
 #[ignore = "minutes: settings on roads"]
 fn study_roads() {
     let base = DefaultConfig::wide_area();
-    let scene = roads(1000, 11);
-    let still = |q: f64, config: &DefaultConfig| {
-        let mut other = config.clone();
-        other.steady.push_m2_per_s3 = q;
-        other
-    };
-    let gnn = DefaultConfig { lag_scans: 0, max_hypothesis_count: 1, ..base.clone() };
-    let lag3 = DefaultConfig { lag_scans: 3, ..base.clone() };
-    let k20 = DefaultConfig { max_hypothesis_count: 20, ..base.clone() };
-    let c6 = DefaultConfig { max_cluster_count: 6, ..base.clone() };
-    let amb3 = DefaultConfig { ambiguous_nats: 3.0, keep_nats: 6.0, ..base.clone() };
-    for (name, config) in [
-        ("base", base.clone()),
-        ("gnn", gnn.clone()),
-        ("lag3", lag3),
-        ("k20", k20),
-        ("c6", c6),
-        ("amb3", amb3),
-        ("q.002", still(0.002, &base)),
-        ("gnn q.002", still(0.002, &gnn)),
-    ] {
-        println!("{name}: {:.2?}", timed(&scene, &config));
+    type Change = fn(&mut DefaultConfig);
+    let changes: [(&str, Change); 4] = [
+        ("base", |_| ()),
+        ("gnn", |c| (c.lag_scans, c.max_hypothesis_count) = (0, 1)),
+        ("lively 25", |c| c.lively.push_m2_per_s3 = 25.0),
+        ("sojourn 300", |c| c.steady.sojourn_s = 300.0),
+    ];
+    for (kind, scene) in [("uniform", uniform(3000, 11)), ("roads", roads(1000, 11))] {
+        for (name, change) in changes {
+            let mut config = base.clone();
+            change(&mut config);
+            println!("{kind} {name}: {:.2?}", timed(&scene, &config));
+        }
     }
 }
 
@@ -184,4 +175,17 @@ fn study_load() {
             "{name}: links {links:.2} tracks {tracks} look ms median {median:.3} least {least:.3} settling ms {settling:.3}"
         );
     }
+}
+
+/// The bars of the issue are 99.9 and 93 %; these counts hold a false plot for two wrong links, and are
+/// those of a smaller scene.
+#[test]
+fn most_links_are_right_among_many() {
+    let config = DefaultConfig::wide_area();
+    let scene = uniform(300, 100);
+    let sum = score(&scene, &super::score::run(&scene, &config));
+    assert!(0.998 <= sum.link_rate(), "{}", sum.link_rate());
+    let swapped = sum.links - sum.right_links - sum.clutter_links;
+    assert!(swapped <= sum.links / 1000, "{swapped} of {}", sum.links);
+    assert!((300..=303).contains(&sum.tracks), "{}", sum.tracks);
 }

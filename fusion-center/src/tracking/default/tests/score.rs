@@ -11,6 +11,8 @@ use crate::tracking::{Settled, Status, Tracker};
 pub(super) struct Score {
     pub(super) links: usize,
     pub(super) right_links: usize,
+    /// Of them, those to or from false plots.
+    pub(super) clutter_links: usize,
     pub(super) updates: usize,
     pub(super) own_updates: usize,
     pub(super) square_error_m2: f64,
@@ -26,6 +28,7 @@ impl Score {
     pub(super) fn add(&mut self, other: &Self) {
         self.links += other.links;
         self.right_links += other.right_links;
+        self.clutter_links += other.clutter_links;
         self.updates += other.updates;
         self.own_updates += other.own_updates;
         self.square_error_m2 += other.square_error_m2;
@@ -115,6 +118,7 @@ fn one(scene: &Scene, steps: &[&Settled], score: &mut Score) {
     for pair in truths.windows(2) {
         score.links += 1;
         score.right_links += usize::from(pair[0].is_some() && pair[0] == pair[1]);
+        score.clutter_links += usize::from(pair[0].is_none() || pair[1].is_none());
     }
     let own = most(truths.iter().take(4).filter_map(|truth| *truth)).map(|(target, _)| target);
     score.updates += truths.len();

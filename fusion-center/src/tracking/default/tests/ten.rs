@@ -7,8 +7,7 @@ use super::scenes::{Scene, Taken};
 use super::score::{Score, score};
 use crate::tracking::{Area, Coverage, Platform, Plot, Status, Tracker};
 
-const FILE: &str = "/work/shared/data/stanag4607/ten-targets-situation-awareness.4607";
-const _X: &str = concat!(
+const FILE: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../../shared/data/stanag4607/ten-targets-situation-awareness.4607"
 );
@@ -17,12 +16,15 @@ const METRES_PER_DEG: f64 = 111_200.0;
 /// The file gives no errors; those of the scene's precise version, metres in slant range and across.
 const SIGMAS_M: [f64; 2] = [10.0, 60.0];
 /// The mask of all its dwells: reports are index, offsets, class, tag.
-
 const MASK: u64 = 0xffc7_1fc2_6006_0000;
 const REPORT_BYTES: usize = 11;
 
 fn number(bytes: &[u8]) -> i64 {
     bytes.iter().fold(0, |sum, byte| sum << 8 | i64::from(*byte))
+}
+
+fn count(bytes: &[u8]) -> usize {
+    usize::try_from(number(bytes)).unwrap()
 }
 
 /// Two's complement of 32 or 16 bits.
@@ -37,10 +39,10 @@ fn dwells(file: &[u8]) -> Vec<&[u8]> {
     let mut found = Vec::new();
     let mut at = 0;
     while at < file.len() {
-        let end = at + number(&file[at + 2..at + 6]) as usize;
+        let end = at + count(&file[at + 2..at + 6]);
         let mut segment = at + 32;
         while segment < end {
-            let size = number(&file[segment + 1..segment + 5]) as usize;
+            let size = count(&file[segment + 1..segment + 5]);
             if file[segment] == 2 {
                 found.push(&file[segment + 5..segment + size]);
             }
@@ -81,14 +83,14 @@ fn look(dwell: &[u8], origin_deg: [f64; 2]) -> Taken {
         let ground = SIGMAS_M[0] * off.norm().hypot(height_m) / off.norm();
         let covariance_m2 = along * along.transpose() * ground.powi(2)
             + across * across.transpose() * SIGMAS_M[1].powi(2);
-        truths.push(Some(number(&report[7..11]) as usize));
+        truths.push(Some(count(&report[7..11])));
         let covariance_m2 = Matrix2::from(0.5 * (covariance_m2 + covariance_m2.transpose()));
         plots.push(Plot {
             position_m,
             covariance_m2,
             radial: None,
             strength_db: None,
-            report_index: index as u32,
+            report_index: u32::try_from(index).unwrap(),
         });
     }
     let area = Area::Sector {
@@ -142,8 +144,8 @@ fn scene() -> Option<Scene> {
     let origin_deg = centre(dwells[0]);
     let looks: Vec<Taken> = dwells.iter().map(|dwell| look(dwell, origin_deg)).collect();
     assert_eq!((looks.len(), looks.iter().map(|look| look.plots.len()).sum()), (154, 218));
-    let count = looks.len();
-    Some(Scene { looks, truth: vec![vec![[0.0; 4]; 11]; count] })
+    let truth = vec![vec![[0.0; 4]; 11]; looks.len()];
+    Some(Scene { looks, truth })
 }
 
 #[test]
@@ -159,25 +161,18 @@ fn ten_targets_make_ten_tracks() {
 #[ignore = "seconds: settings on the scene of ten"]
 fn study_ten_targets() {
     let Some(scene) = scene() else { return };
-    for push in [35.0, 50.0, 70.0] {
-        for clutter in [3e-10, 1e-9, 3e-9] {
-            for sojourns in [(100.0, 8.0), (100.0, 12.0), (150.0, 12.0), (200.0, 8.0)] {
-                for hits in [(3, 5)] {
-                    let mut config = DefaultConfig::wide_area();
-                    config.lively.push_m2_per_s3 = push;
-                    config.lively.push_s = 150.0;
-                    config.min_clutter_per_m2 = clutter;
-                    (config.steady.sojourn_s, config.lively.sojourn_s) = sojourns;
-                    (config.confirm_hit_count, config.confirm_look_count) = hits;
-                    let (tracks, sum) = follow(&scene, &config);
-                    println!(
-                        "push {push} clutter {clutter} sojourns {sojourns:?} hits {hits:?}: tracks {tracks} purity {:.4} links {}/{}",
-                        sum.purity(),
-                        sum.right_links,
-                        sum.links
-                    );
-                }
-            }
-        }
+    for (push, clutter) in [35.0, 50.0, 65.0, 80.0]
+        .into_iter()
+        .flat_map(|push| [3e-10, 1e-9, 3e-9].map(|clutter| (push, clutter)))
+    {
+        let mut config = DefaultConfig::wide_area();
+        config.lively.push_m2_per_s3 = push;
+        config.min_clutter_per_m2 = clutter;
+        let (tracks, sum) = follow(&scene, &config);
+        let (purity, right) = (sum.purity(), sum.right_links);
+        println!(
+            "push {push} clutter {clutter}: {tracks} tracks, purity {purity:.4}, {right}/{}",
+            sum.links
+        );
     }
 }

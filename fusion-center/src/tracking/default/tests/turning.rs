@@ -89,23 +89,10 @@ fn turning_runs(variances_m2: [f64; 2], seeds: std::ops::Range<u64>) -> Score {
 #[test]
 fn states_of_turning_targets_are_better_than_plots_and_as_good_as_said() {
     let sum = turning_runs([8.0, 20.0], 0..30);
-    println!(
-        "turning 8/20: {} {} {} {}",
-        sum.filtered_rmse_m(),
-        sum.nees(),
-        sum.rmse_m(),
-        sum.smoothed_nees()
-    );
-    let sum4 = turning_runs([64.0, 400.0], 0..30);
-    println!(
-        "turning 64/400: {} {} {} {}",
-        sum4.filtered_rmse_m(),
-        sum4.nees(),
-        sum4.rmse_m(),
-        sum4.smoothed_nees()
-    );
     assert!(sum.filtered_rmse_m() <= 4.7, "{}", sum.filtered_rmse_m());
     assert!((0.9..=1.15).contains(&sum.nees()), "{}", sum.nees());
+    let more = turning_runs([64.0, 400.0], 100..130);
+    assert!((0.9..=1.15).contains(&more.nees()), "{}", more.nees());
     assert_eq!(sum.tracks, 3 * 30);
     assert!(sum.rmse_m() < sum.filtered_rmse_m());
 }
@@ -113,38 +100,23 @@ fn states_of_turning_targets_are_better_than_plots_and_as_good_as_said() {
 #[test]
 #[ignore = "seconds: settings on turning targets"]
 fn study_turning() {
-    for lively in [35.0, 50.0] {
-        for (steady_s, lively_s) in [(100.0, 12.0), (100.0, 8.0), (150.0, 12.0), (200.0, 8.0)] {
-            for steady in [0.003, 0.01] {
-                let mut config = DefaultConfig::wide_area();
-                config.lively.push_m2_per_s3 = lively;
-                config.steady.push_m2_per_s3 = steady;
-                (config.steady.sojourn_s, config.lively.sojourn_s) = (steady_s, lively_s);
-                let mut sums = [Score::default(); 3];
-                for seed in 0..20 {
-                    let scenes = [
-                        turning([8.0, 20.0], seed),
-                        winding([8.0, 20.0], seed),
-                        super::scenes::four_targets(100.0, 0.0, seed),
-                    ];
-                    for (sum, scene) in sums.iter_mut().zip(&scenes) {
-                        sum.add(&score(scene, &run(scene, &config)));
-                    }
-                }
-                let show = sums.map(|s| {
-                    format!(
-                        "{:.2} {:.2} | {:.2} {:.2} ;",
-                        s.filtered_rmse_m(),
-                        s.nees(),
-                        s.rmse_m(),
-                        s.smoothed_nees()
-                    )
-                });
-                println!(
-                    "lively {lively} steady {steady} sojourns {steady_s} {lively_s}: {}",
-                    show.concat()
-                );
-            }
+    for (push, sojourn_s) in
+        [35.0, 65.0, 100.0].into_iter().flat_map(|push| [100.0, 150.0, 200.0].map(|s| (push, s)))
+    {
+        let mut config = DefaultConfig::wide_area();
+        config.lively.push_m2_per_s3 = push;
+        config.steady.sojourn_s = sojourn_s;
+        let makes: [fn(u64) -> Scene; 3] = [
+            |seed| turning([8.0, 20.0], seed),
+            |seed| winding([8.0, 20.0], seed),
+            |seed| super::scenes::four_targets(100.0, 0.0, seed),
+        ];
+        for make in makes {
+            let mut sum = Score::default();
+            (0..20).map(make).for_each(|scene| sum.add(&score(&scene, &run(&scene, &config))));
+            let (filtered, nees) = (sum.filtered_rmse_m(), sum.nees());
+            let (smoothed, more) = (sum.rmse_m(), sum.smoothed_nees());
+            println!("{push} {sojourn_s}: {filtered:.2} {nees:.2} | {smoothed:.2} {more:.2}");
         }
     }
 }
@@ -159,35 +131,30 @@ fn winding(variances_m2: [f64; 2], seed: u64) -> Scene {
     observed(&targets, variances_m2, 0.0, seed)
 }
 
+/// Runs a target that stops for two minutes; whether it was shown as stopped where it was, and
+/// found again as the same.
+fn stops(seed: u64) -> [bool; 2] {
+    let way: Way<'_> = &[(10, 0.0, 1.0), (30, 0.0, 0.0), (10, 0.0, 0.8)];
+    let scene = observed(&[drive([0.0, 0.0], 60.0, way)], [400.0; 2], 1.0, seed);
+    let mut tracker = DefaultTracker::new(DefaultConfig::wide_area()).unwrap();
+    let mut is_known = [false; 2];
+    for (index, taken) in scene.looks.iter().enumerate() {
+        tracker.look(&taken.look(index)).unwrap();
+        let truth = scene.truth[index][0];
+        let [track] = tracker.tracks() else { continue };
+        let off = (track.state[0] - truth[0]).hypot(track.state[1] - truth[1]);
+        let is_near = track.id == 1 && off < 80.0;
+        is_known[0] |= index == 35 && is_near && track.status == Status::Stopped;
+        is_known[1] |= index == 49 && is_near && track.status == Status::Confirmed;
+    }
+    is_known
+}
+
 #[test]
 fn who_stops_keeps_the_identity() {
-    let mut found = 0;
-    let mut stopped = 0;
-    let trials = 40;
-    for seed in 0..trials {
-        let way: Way<'_> = &[(10, 0.0, 1.0), (30, 0.0, 0.0), (10, 0.0, 0.8)];
-        let scene = observed(&[drive([0.0, 0.0], 60.0, way)], [400.0; 2], 1.0, seed);
-        let mut tracker = DefaultTracker::new(DefaultConfig::wide_area()).unwrap();
-        for (index, taken) in scene.looks.iter().enumerate() {
-            tracker.look(&taken.look(index)).unwrap();
-            let confirmed = tracker.tracks().iter().find(|track| track.id == 1);
-            if index == 35 {
-                stopped += usize::from(confirmed.is_some_and(|track| {
-                    let truth = scene.truth[index][0];
-                    let off = (track.state[0] - truth[0]).hypot(track.state[1] - truth[1]);
-                    track.status == Status::Stopped && off < 80.0
-                }));
-            }
-        }
-        let last = tracker.tracks();
-        let truth = scene.truth[49][0];
-        let near = |track: &crate::tracking::Track| {
-            (track.state[0] - truth[0]).hypot(track.state[1] - truth[1]) < 60.0
-        };
-        let is_found = last.len() == 1 && last[0].id == 1 && near(&last[0]);
-        found += usize::from(is_found && last[0].status == Status::Confirmed);
+    let known: Vec<[bool; 2]> = (0..40).map(stops).collect();
+    for when in 0..2 {
+        let count = known.iter().filter(|is_known| is_known[when]).count();
+        assert!(36 <= count, "{count} of 40");
     }
-    println!("stopped {stopped} found {found} of {trials}");
-    assert!(trials as usize * 9 / 10 <= stopped, "{stopped}");
-    assert!(trials as usize * 9 / 10 <= found, "{found}");
 }
