@@ -3,8 +3,8 @@
 mod filter;
 mod four;
 mod life;
-mod load;
+mod load_tests;
 mod scenes;
 mod score;
-mod ten;
+mod ten_tests;
 mod turning;
