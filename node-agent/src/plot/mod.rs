@@ -6,6 +6,7 @@ pub mod canvas;
 mod density;
 mod followed;
 mod paths;
+pub mod raster;
 
 use std::io::Write;
 
@@ -19,7 +20,7 @@ pub use animation::{Animation, AnimationKind, AnimationShape};
 use canvas::{Anchor, Canvas};
 pub use density::Density;
 pub use followed::draw_tracks;
-pub use paths::{Line, paths_svg};
+pub use paths::{Line, PathsFigure};
 
 use crate::pipeline::Image;
 

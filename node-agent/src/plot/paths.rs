@@ -1,11 +1,19 @@
-//! The ways of people in a node's plane as SVG, estimated and true \[mean-shift, figure 4\].
+//! The ways of people in a node's plane as SVG or PNG, estimated and true \[mean-shift, figure 4\].
+
+use std::ops::Range;
 
 use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
+use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
+use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
 use plotters::prelude::{
     BLACK, Cartesian2d, Circle, Color, IntoDrawingArea, IntoFont, LineSeries, PathElement,
     RGBColor, SVGBackend, Text, WHITE,
 };
+use plotters_backend::DrawingBackend;
+
+use super::canvas::Canvas;
+use super::raster::Raster;
 
 /// Pixels of a metre, and of what stands around the axes.
 const PIXELS_PER_M: f64 = 60.0;
@@ -28,7 +36,8 @@ const COLORS: [RGBColor; 6] = [
 const TRUTH_COLOR: RGBColor = RGBColor(120, 120, 120);
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
-type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 /// One person's way.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,56 +49,98 @@ pub struct Line {
 }
 
 /// The figure: estimated ways in colour with their labels, true ones in grey below them.
-///
-/// # Errors
-/// What the drawing library complains of.
-pub fn paths_svg(title: &str, estimated: &[Line], truth: &[Line]) -> Fallible<String> {
-    let mut svg = String::new();
-    draw_into(&mut svg, title, estimated, truth)?;
-    Ok(svg)
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathsFigure {
+    /// Its title.
+    pub title: String,
+    /// The ways as they were found.
+    pub estimated: Vec<Line>,
+    /// The ways as they were.
+    pub truth: Vec<Line>,
 }
 
-fn draw_into(svg: &mut String, title: &str, estimated: &[Line], truth: &[Line]) -> Fallible<()> {
-    let [x_range, y_range] = around(estimated.iter().chain(truth));
-    let [width_m, height_m] = [&x_range, &y_range].map(|range| range.end - range.start);
-    let scale = PIXELS_PER_M.min(MAX_PIXELS / width_m.max(height_m));
-    let pixels = |side_m: f64, more: f64| super::to_u32((side_m * scale + more).round());
-    let size = (pixels(width_m, AROUND.0).max(MIN_WIDTH), pixels(height_m, AROUND.1));
-    let area = SVGBackend::with_string(svg, size).into_drawing_area();
-    area.fill(&WHITE)?;
-    let mut chart = ChartBuilder::on(&area)
-        .caption(title, ("sans-serif", 16).into_font())
-        .margin(12)
-        .x_label_area_size(40)
-        .y_label_area_size(48)
-        .build_cartesian_2d(x_range, y_range)?;
-    chart.configure_mesh().x_desc("x in m").y_desc("y in m").light_line_style(WHITE).draw()?;
-    for (index, line) in truth.iter().enumerate() {
-        let places = line.places_m.iter().map(|[x, y]| (*x, *y));
-        let drawn = chart.draw_series(LineSeries::new(places, TRUTH_COLOR.stroke_width(5)))?;
-        if index == 0 {
-            drawn.label("true").legend(|(x, y)| {
-                PathElement::new(vec![(x, y), (x + 16, y)], TRUTH_COLOR.stroke_width(5))
-            });
+impl PathsFigure {
+    /// As SVG.
+    ///
+    /// # Errors
+    /// What the drawing library complains of.
+    pub fn svg(&self) -> Fallible<String> {
+        let mut svg = String::new();
+        let area = SVGBackend::with_string(&mut svg, self.size()).into_drawing_area();
+        self.draw(&area)?;
+        drop(area);
+        Ok(svg)
+    }
+
+    /// As PNG.
+    ///
+    /// # Errors
+    /// What the drawing or the PNG library complains of.
+    pub fn png(&self) -> Fallible<Vec<u8>> {
+        let size = self.size();
+        let mut canvas = Canvas::new(size.0, size.1);
+        let area = Raster::new(&mut canvas, size).into_drawing_area();
+        self.draw(&area)?;
+        drop(area);
+        let mut png = Vec::new();
+        canvas.write_png(&mut png)?;
+        Ok(png)
+    }
+
+    fn ranges_m(&self) -> [Range<f64>; 2] {
+        around(self.estimated.iter().chain(&self.truth))
+    }
+
+    /// Width and height, pixels.
+    fn size(&self) -> (u32, u32) {
+        let [width_m, height_m] = self.ranges_m().map(|range| range.end - range.start);
+        let scale = PIXELS_PER_M.min(MAX_PIXELS / width_m.max(height_m));
+        let pixels = |side_m: f64, more: f64| super::to_u32((side_m * scale + more).round());
+        (pixels(width_m, AROUND.0).max(MIN_WIDTH), pixels(height_m, AROUND.1))
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        let Self { title, estimated, truth } = self;
+        let [x_range, y_range] = self.ranges_m();
+        area.fill(&WHITE)?;
+        let mut chart = ChartBuilder::on(area)
+            .caption(title.as_str(), ("sans-serif", 16).into_font())
+            .margin(12)
+            .x_label_area_size(40)
+            .y_label_area_size(48)
+            .build_cartesian_2d(x_range, y_range)?;
+        chart.configure_mesh().x_desc("x in m").y_desc("y in m").light_line_style(WHITE).draw()?;
+        for (index, line) in truth.iter().enumerate() {
+            let places = line.places_m.iter().map(|[x, y]| (*x, *y));
+            let drawn = chart.draw_series(LineSeries::new(places, TRUTH_COLOR.stroke_width(5)))?;
+            if index == 0 {
+                drawn.label("true").legend(|(x, y)| {
+                    PathElement::new(vec![(x, y), (x + 16, y)], TRUTH_COLOR.stroke_width(5))
+                });
+            }
         }
+        for (index, line) in estimated.iter().enumerate() {
+            draw_estimated(&mut chart, COLORS[index % COLORS.len()], line)?;
+        }
+        if !truth.is_empty() {
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .background_style(WHITE.mix(0.85))
+                .border_style(BLACK.mix(0.3))
+                .draw()?;
+        }
+        area.present()?;
+        Ok(())
     }
-    for (index, line) in estimated.iter().enumerate() {
-        draw_estimated(&mut chart, COLORS[index % COLORS.len()], line)?;
-    }
-    if !truth.is_empty() {
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.3))
-            .draw()?;
-    }
-    area.present()?;
-    Ok(())
 }
 
 /// A way with a dot and the label where it begins.
-fn draw_estimated(chart: &mut Chart<'_>, color: RGBColor, line: &Line) -> Fallible<()> {
+fn draw_estimated<B: DrawingBackend>(
+    chart: &mut Chart<'_, B>,
+    color: RGBColor,
+    line: &Line,
+) -> Drawn<B> {
     let places = line.places_m.iter().map(|[x, y]| (*x, *y));
     chart.draw_series(LineSeries::new(places, color.stroke_width(2)))?;
     let Some([x, y]) = line.places_m.first() else { return Ok(()) };
@@ -100,7 +151,7 @@ fn draw_estimated(chart: &mut Chart<'_>, color: RGBColor, line: &Line) -> Fallib
 }
 
 /// Everything inside; a square metre where there is nothing.
-fn around<'a>(lines: impl Iterator<Item = &'a Line>) -> [std::ops::Range<f64>; 2] {
+fn around<'a>(lines: impl Iterator<Item = &'a Line>) -> [Range<f64>; 2] {
     let mut ranges = [(f64::MAX, f64::MIN); 2];
     for place in lines.flat_map(|line| &line.places_m) {
         for (range, value) in ranges.iter_mut().zip(place) {
@@ -125,7 +176,12 @@ mod tests {
         };
         let truth = [line("", &[[-1.0, 4.0], [-1.0, 10.0]])];
         let estimated = [line("7", &[[-1.1, 4.1], [-0.9, 9.9]]), line("12", &[[1.0, 2.0]])];
-        let svg = paths_svg("n1: ways", &estimated, &truth).unwrap();
+        let figure = PathsFigure {
+            title: "n1: ways".to_owned(),
+            estimated: estimated.to_vec(),
+            truth: truth.to_vec(),
+        };
+        let svg = figure.svg().unwrap();
         for text in ["n1: ways", "true", ">\n7\n", ">\n12\n", "x in m"] {
             assert!(svg.contains(text), "{text}: {svg}");
         }
@@ -133,6 +189,17 @@ mod tests {
         assert!(svg.contains("width=\"360\" height=\"640\""), "{}", &svg[..200]);
         let polylines = svg.matches("<polyline").count();
         assert!(2 <= polylines, "{polylines}");
-        assert!(paths_svg("nobody", &[], &[]).unwrap().contains("nobody"));
+        // The same in pixels: of that size, and neither blank nor grey alone.
+        let png = figure.png().unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+        let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+        let shape = reader.next_frame(&mut rgb).unwrap();
+        assert_eq!((shape.width, shape.height), (360, 640));
+        let RGBColor(r, g, b) = COLORS[0];
+        let colored = rgb.chunks(3).filter(|pixel| *pixel == [r, g, b]).count();
+        assert!(300 < colored, "{colored}");
+        let title = "nobody".to_owned();
+        let nobody = PathsFigure { title, estimated: Vec::new(), truth: Vec::new() };
+        assert!(nobody.svg().unwrap().contains("nobody"));
     }
 }

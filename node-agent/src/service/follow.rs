@@ -12,6 +12,7 @@ use tracing::warn;
 use crate::config::AgentConfig;
 use crate::imaging::InvalidSetting;
 use crate::pipeline::Measured;
+use crate::tracking::default::BodyModel;
 use crate::tracking::{Tracker, follow};
 
 /// Who was followed last and the number of that message, once there is one.
@@ -47,10 +48,11 @@ impl Follow {
         config: &AgentConfig,
         newest: watch::Sender<Newest>,
     ) -> Result<Self, InvalidSetting> {
-        let (half_depth_m, half_depth_sigma_m) =
-            config.tracking.half_depth_m(config.half_depth_m());
+        let of_points_m = config.half_depth_m();
+        let body = BodyModel::new(of_points_m.0, &config.chain.detection);
+        let (half_depth_m, half_depth_sigma_m) = config.tracking.half_depth_m(of_points_m);
         Ok(Self {
-            tracker: config.tracking.tracker()?,
+            tracker: config.tracking.tracker(body)?,
             node: config.node.clone(),
             half_depth_m,
             half_depth_sigma_m,

@@ -200,36 +200,60 @@ impl Walker {
         towards_node: &Vector2<f64>,
         streams: &Streams,
     ) -> Vec<(Vector2<f64>, Complex<f64>)> {
-        let time_s = moment.time_s;
-        let ahead = self.way.ahead(time_s);
-        let aside = Vector2::new(-ahead.y, ahead.x);
-        let middle_m = place_m(&self.points, self.body.turn_s, time_s)
-            + ahead * (self.body.sway_m * sum_of_tones(&self.sway[0], time_s))
-            + aside * (0.5 * self.body.sway_m * sum_of_tones(&self.sway[1], time_s));
-        let [way_m, cycles] = self.way.progress(time_s);
-        let swing_m = 0.25 * cycle_m(self.way.velocity(time_s).norm()) * (TAU * cycles).sin();
-        let breath_m = 0.5 * self.body.breathing_m * self.breathing.at(time_s);
         let mut fresh = streams.rng(Purpose::BodyGain, self.target_index, moment.period_index);
+        let [way_m, _] = self.way.progress(moment.time_s);
+        let parts = self.parts.iter().zip(self.places(moment.time_s, towards_node));
         let mut power = 0.0;
         let mut all = Vec::with_capacity(self.parts.len());
-        for part in &self.parts {
-            let rest_m = ahead * part.rest_m.x + aside * part.rest_m.y;
-            // The swing is left out: a hand that swings towards the node does not shine.
-            let amplitude = part.weight * (rest_m.dot(towards_node) / SHADE_M).exp();
+        for (part, (place_m, amplitude)) in parts {
             power += amplitude * amplitude;
             let gain = match self.body.fluctuation {
                 Fluctuation::PerPeriod => gaussian(&mut fresh),
                 Fluctuation::Correlated { time_s: corr_s, way_m: corr_m } => {
-                    part.fading.at(time_s / corr_s, way_m / corr_m)
+                    part.fading.at(moment.time_s / corr_s, way_m / corr_m)
                 }
             };
-            let moved_m = ahead * (part.swing * swing_m + part.chest * breath_m);
-            all.push((middle_m + rest_m + moved_m, gain * amplitude));
+            all.push((place_m, gain * amplitude));
         }
         for (_, gain) in &mut all {
             *gain /= power.sqrt();
         }
         all
+    }
+
+    /// Where the scatterers are on average, each counted with its mean power.
+    pub(super) fn shine_m(&self, time_s: f64, towards_node: &Vector2<f64>) -> Vector2<f64> {
+        let mut sum_m = Vector2::zeros();
+        let mut power = 0.0;
+        for (place_m, amplitude) in self.places(time_s, towards_node) {
+            sum_m += place_m * (amplitude * amplitude);
+            power += amplitude * amplitude;
+        }
+        sum_m / power
+    }
+
+    /// Where the scatterers are in the world, and the roots of their mean powers before these are
+    /// made to add up to 1.
+    fn places(
+        &self,
+        time_s: f64,
+        towards_node: &Vector2<f64>,
+    ) -> impl Iterator<Item = (Vector2<f64>, f64)> {
+        let ahead = self.way.ahead(time_s);
+        let aside = Vector2::new(-ahead.y, ahead.x);
+        let middle_m = place_m(&self.points, self.body.turn_s, time_s)
+            + ahead * (self.body.sway_m * sum_of_tones(&self.sway[0], time_s))
+            + aside * (0.5 * self.body.sway_m * sum_of_tones(&self.sway[1], time_s));
+        let cycles = self.way.progress(time_s)[1];
+        let swing_m = 0.25 * cycle_m(self.way.velocity(time_s).norm()) * (TAU * cycles).sin();
+        let breath_m = 0.5 * self.body.breathing_m * self.breathing.at(time_s);
+        self.parts.iter().map(move |part| {
+            let rest_m = ahead * part.rest_m.x + aside * part.rest_m.y;
+            // The swing is left out: a hand that swings towards the node does not shine.
+            let amplitude = part.weight * (rest_m.dot(towards_node) / SHADE_M).exp();
+            let moved_m = ahead * (part.swing * swing_m + part.chest * breath_m);
+            (middle_m + rest_m + moved_m, amplitude)
+        })
     }
 }
 

@@ -157,6 +157,27 @@ impl EchoSimulator {
         self.scene.targets.iter().map(in_node).collect()
     }
 
+    /// Where what the targets reflect comes from on average at `time_s`, in the order of the scene:
+    /// the places of the scatterers of a [`TargetKind::Body`], each counted with its mean power.
+    /// Other targets have no shape that lasts, and are given their middles.
+    #[must_use]
+    pub fn shining_in_node(&self, time_s: f64) -> Vec<Point<Node>> {
+        let middles = self.targets_in_node(time_s).into_iter();
+        let shining = middles.zip(&self.walkers).map(|(middle, walker)| {
+            let towards_node = self.towards_node(&middle.coords_m);
+            walker.as_ref().map_or(middle, |walker| {
+                let place_m = walker.shine_m(time_s, &towards_node);
+                self.node_from_world * Point::from_coords(place_m)
+            })
+        });
+        shining.collect()
+    }
+
+    /// The direction from `place_m` in the node's frame to the node, in the world.
+    fn towards_node(&self, place_m: &Vector2<f64>) -> Vector2<f64> {
+        -(self.node_from_world.rotation().transpose() * place_m).normalize()
+    }
+
     /// Whether target number `target_index` shows in period `period_index`.
     #[must_use]
     pub fn is_visible(&self, target_index: usize, period_index: u64) -> bool {
@@ -245,8 +266,7 @@ impl EchoSimulator {
     }
 
     fn walking(&self, walker: &Walker, whole: &Scatterer, moment: Moment) -> Vec<Scatterer> {
-        let rotation = self.node_from_world.rotation();
-        let towards_node = -(rotation.transpose() * whole.place_m).normalize();
+        let towards_node = self.towards_node(&whole.place_m);
         let in_node = |(place_m, gain): (Vector2<f64>, Complex<f64>)| {
             let place = self.node_from_world * Point::<World>::from_coords(place_m);
             Scatterer { place_m: place.coords_m, gain: whole.gain * gain }

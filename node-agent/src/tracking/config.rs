@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Tracker;
-use super::default::{DefaultConfig, DefaultTracker};
+use super::default::{BodyModel, DefaultConfig, DefaultTracker};
 use super::paper::{PaperConfig, PaperTracker};
 use crate::imaging::InvalidSetting;
 
@@ -46,14 +46,14 @@ impl TrackingConfig {
         })
     }
 
-    /// A tracker that knows nobody yet; `None` if nobody is to be followed.
+    /// A tracker that knows nobody yet, of points with that `body`; `None` if nobody is to be followed.
     ///
     /// # Errors
     /// If a setting makes no sense.
-    pub fn tracker(&self) -> Result<Option<Box<dyn Tracker>>, InvalidSetting> {
+    pub fn tracker(&self, body: BodyModel) -> Result<Option<Box<dyn Tracker>>, InvalidSetting> {
         Ok(match self.mode {
             TrackingMode::Off => None,
-            TrackingMode::Default => Some(Box::new(DefaultTracker::new(&self.default)?)),
+            TrackingMode::Default => Some(Box::new(DefaultTracker::new(&self.default, body)?)),
             TrackingMode::Paper => Some(Box::new(PaperTracker::new(&self.paper)?)),
         })
     }
@@ -77,14 +77,14 @@ mod tests {
     #[test]
     fn the_chosen_tracker_is_built_and_nonsense_named_from_the_root_on() {
         let mut config = TrackingConfig::default();
-        assert!(config.tracker().unwrap().is_none());
+        assert!(config.tracker(BodyModel::default()).unwrap().is_none());
         for mode in [TrackingMode::Default, TrackingMode::Paper] {
             config.mode = mode;
-            assert!(config.tracker().unwrap().is_some());
+            assert!(config.tracker(BodyModel::default()).unwrap().is_some());
         }
         config.paper.bin_count = 1;
         assert_eq!(config.check().unwrap_err().field, "tracking.paper.bin_count");
-        assert!(config.tracker().is_err());
+        assert!(config.tracker(BodyModel::default()).is_err());
         config.paper = PaperConfig::default();
         config.default.min_appearance = 2.0;
         assert_eq!(config.check().unwrap_err().field, "tracking.default.min_appearance");

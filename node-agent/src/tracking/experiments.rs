@@ -36,8 +36,9 @@ pub const FRAME_S: f64 = 0.1;
 pub const FRAME_COUNT: u32 = 140;
 /// Peak power of a point target over the noise in the image without weighting, decibels.
 pub const IMAGE_SNR_DB: f64 = 15.0;
-/// How far a person's middle lies behind what is seen of it, metres: see `target.half_depth_m`.
-pub const HALF_DEPTH_M: f64 = 0.1;
+/// How far a person's middle lies behind what is seen of it, metres. All walk towards the array or
+/// away from it: of `target.half_depth_m`, which holds for all directions, that from the front.
+pub const HALF_DEPTH_M: f64 = 0.06;
 
 /// Size of a pixel, metres.
 const PIXEL_M: f64 = 0.05;
@@ -175,6 +176,9 @@ pub struct Shown<'a> {
     pub frame: Frame<'a>,
     /// Where the middles of both people are, `[x, y]` in metres.
     pub middles_m: [Vector2<f64>; 2],
+    /// Where what they reflect comes from on average, `[x, y]` in metres: the mean of the scatterers
+    /// of each, weighted by their mean powers.
+    pub shining_m: [Vector2<f64>; 2],
 }
 
 /// An experiment with a chain, ready to be played with any seed.
@@ -233,7 +237,9 @@ impl Stage {
                 points: &measured.points,
             };
             let middles_m = [0, 1].map(|person| scene.targets[person].position(time_s).coords_m);
-            each(&Shown { index, frame, middles_m })?;
+            let shining = simulator.shining_in_node(time_s);
+            let shining_m = [0, 1].map(|person| shining[person].coords_m);
+            each(&Shown { index, frame, middles_m, shining_m })?;
         }
         Ok(())
     }

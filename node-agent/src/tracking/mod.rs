@@ -65,6 +65,19 @@ pub struct Track {
     pub seen_s: f64,
 }
 
+/// Where somebody was a while ago, with all that came after.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Smoothed {
+    /// That of the track.
+    pub id: u64,
+    /// When, seconds on the node's clock: the lag ago, or as long as the track is known.
+    pub time_s: f64,
+    /// `(x_m, y_m, x_m_per_s, y_m_per_s)` in the node's frame.
+    pub state: Vector4<f64>,
+    /// Covariance of `state`.
+    pub covariance: Matrix4<f64>,
+}
+
 /// Why a frame was refused; the tracker is then as it was.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 pub enum FrameError {
@@ -116,4 +129,10 @@ pub trait Tracker: Send {
     /// # Errors
     /// If the frame makes no sense; the tracker is then as it was.
     fn track(&mut self, frame: &Frame<'_>) -> Result<&[Track], FrameError>;
+
+    /// Where everybody who is followed was a while ago, with all that came after, in ascending order
+    /// of id; nobody for a tracker that does not smooth.
+    fn smoothed(&self) -> Vec<Smoothed> {
+        Vec::new()
+    }
 }

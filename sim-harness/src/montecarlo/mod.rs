@@ -24,7 +24,6 @@ mod echoes;
 pub(crate) mod indoors;
 pub(crate) mod mean_shift;
 mod picture;
-mod raster;
 mod report;
 mod score;
 mod sheet;

@@ -5,13 +5,12 @@ use std::path::Path;
 
 use anyhow::{Context, anyhow};
 use node_agent::plot::canvas::Canvas;
+use node_agent::plot::raster::Raster;
 use plotters::coord::Shift;
 use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
 use plotters::prelude::{IntoDrawingArea, SVGBackend};
 use plotters_backend::DrawingBackend;
 use serde::Serialize;
-
-use super::raster::Raster;
 
 pub(super) type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 

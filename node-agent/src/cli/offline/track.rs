@@ -14,6 +14,7 @@ use crate::imaging::backproject::Coherence;
 use crate::offline::{
     self, Follower, Job, LinesTo, Options, Outputs, Processed, Tracked, WayOfTrack, true_ways,
 };
+use crate::tracking::default::BodyModel;
 use crate::tracking::{TrackingConfig, TrackingMode};
 
 #[derive(Debug, clap::Args)]
@@ -31,7 +32,13 @@ pub(in crate::cli) struct TrackFlags {
     /// folder.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Figures of everybody's ways into this folder: NODE-ways.svg, with the true ways where
+    /// Where people were, known with what came up to `tracking.default.smoothing_lag_s` after, as
+    /// comma-separated values, one row for each person and period: a file, or with several
+    /// recordings a folder. Only of the default tracker.
+    #[arg(long, value_name = "FILE")]
+    smoothed: Option<PathBuf>,
+    /// Figures of everybody's ways, smoothed by the default tracker, into this folder:
+    /// NODE-ways.svg and NODE-ways.png, with the true ways where
     /// NAME.truth.jsonl is beside the recording.
     #[arg(long, value_name = "DIR")]
     figures: Option<PathBuf>,
@@ -62,7 +69,12 @@ pub(in crate::cli) fn track(flags: &TrackFlags, stop: &CancellationToken) -> any
     let recordings = &flags.recordings;
     let config = flags.settings()?;
     let options = recordings.options(&config, None);
-    for (flag, out) in [("--out", &flags.out), ("--csv", &flags.csv), ("--video", &flags.video)] {
+    for (flag, out) in [
+        ("--out", &flags.out),
+        ("--csv", &flags.csv),
+        ("--smoothed", &flags.smoothed),
+        ("--video", &flags.video),
+    ] {
         recordings.check_out(flag, out.as_deref())?;
     }
     let jobs = recordings.jobs()?;
@@ -126,11 +138,13 @@ impl TrackFlags {
         let outputs = Outputs {
             lines,
             csv: out("--csv", &self.csv, "csv")?,
+            smoothed: out("--smoothed", &self.smoothed, "smoothed.csv")?,
             figure,
             video: self.video_of(node.as_str())?,
             true_ways_m: truth.unwrap_or_default(),
         };
-        let tracker = tracking.tracker()?.context("no tracker is chosen")?;
+        let body = BodyModel::new(options.half_depth_m, &options.chain.detection);
+        let tracker = tracking.tracker(body)?.context("no tracker is chosen")?;
         let of_points_m = (options.half_depth_m, options.half_depth_sigma_m);
         let half_depth_m = tracking.half_depth_m(of_points_m);
         Follower::create(node, tracker, half_depth_m, outputs).context("creating a file")

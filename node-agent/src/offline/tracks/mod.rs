@@ -1,5 +1,6 @@
 //! People followed through a recording: lines, rows, a figure of their ways, an animation.
 
+mod smooth;
 mod video;
 mod ways;
 
@@ -15,8 +16,9 @@ use super::part::PartFile;
 use super::process::Processed;
 use super::sink::{Beginning, PeriodSink, Seen};
 use crate::lines::{PointsLine, TracksLine};
-use crate::plot::{Line, paths_svg};
+use crate::plot::{Line, PathsFigure};
 use crate::tracking::{Tracker, TrackingMode, follow};
+use smooth::Smoothing;
 use video::Video;
 pub use ways::WayOfTrack;
 use ways::Ways;
@@ -28,7 +30,9 @@ pub struct Outputs {
     pub lines: LinesTo,
     /// A row for each track and period.
     pub csv: Option<PathBuf>,
-    /// A figure of everybody's ways, SVG.
+    /// A row for each person and period as they are known with all that came up to the lag after.
+    pub smoothed: Option<PathBuf>,
+    /// A figure of everybody's ways: an SVG, with a PNG of the same name beside it.
     pub figure: Option<PathBuf>,
     /// An animation, `.png` or `.gif`.
     pub video: Option<PathBuf>,
@@ -78,6 +82,8 @@ pub struct Follower {
     half_depth_m: (f64, f64),
     lines: Lines,
     csv: Option<PartFile>,
+    smoothed: Option<PartFile>,
+    smoothing: Smoothing,
     figure: Option<PathBuf>,
     video: Option<Video>,
     true_ways_m: Vec<Vec<[f64; 2]>>,
@@ -97,7 +103,7 @@ impl Follower {
         half_depth_m: (f64, f64),
         outputs: Outputs,
     ) -> io::Result<Self> {
-        let Outputs { lines, csv, figure, video, true_ways_m } = outputs;
+        let Outputs { lines, csv, smoothed, figure, video, true_ways_m } = outputs;
         let lines = match lines {
             LinesTo::Nowhere => Lines::Nowhere,
             LinesTo::File(path) => Lines::File(created(&path)?),
@@ -107,6 +113,10 @@ impl Follower {
         let mut csv = csv.as_deref().map(created).transpose()?;
         if let Some(file) = &mut csv {
             file.write_all(TracksLine::COLUMNS.as_bytes())?;
+        }
+        let mut smoothed = smoothed.as_deref().map(created).transpose()?;
+        if let Some(file) = &mut smoothed {
+            Smoothing::begin(file)?;
         }
         if let Some(folder) = figure.as_deref().and_then(Path::parent) {
             std::fs::create_dir_all(folder).map_err(|error| named(folder, &error))?;
@@ -118,6 +128,8 @@ impl Follower {
             half_depth_m,
             lines,
             csv,
+            smoothed,
+            smoothing: Smoothing::default(),
             figure,
             video,
             true_ways_m,
@@ -153,18 +165,24 @@ impl Follower {
         self.csv.as_mut().map_or(Ok(()), |file| line.write_rows(file))
     }
 
-    /// Draws the ways so far.
+    /// Draws the ways so far, smoothed where they are.
     fn draw(&self) -> io::Result<()> {
         let Some(path) = &self.figure else { return Ok(()) };
         let line =
             |label: String, places_m: &[[f64; 2]]| Line { label, places_m: places_m.to_vec() };
-        let ways = self.ways.places_m();
-        let estimated: Vec<Line> = ways.map(|(id, way)| line(id.to_string(), way)).collect();
-        let truth: Vec<Line> =
-            self.true_ways_m.iter().map(|way| line(String::new(), way)).collect();
+        let of_person = |(id, way)| {
+            let smoothed = self.smoothing.places_m(id);
+            line(id.to_string(), smoothed.unwrap_or(way))
+        };
+        let estimated: Vec<Line> = self.ways.places_m().map(of_person).collect();
+        let truth = self.true_ways_m.iter().map(|way| line(String::new(), way)).collect();
         let title = format!("{}: the ways of {} people", self.node, estimated.len());
-        let svg = paths_svg(&title, &estimated, &truth).map_err(io::Error::other)?;
-        std::fs::write(path, svg).map_err(|error| named(path, &error))
+        let figure = PathsFigure { title, estimated, truth };
+        let svg = figure.svg().map_err(io::Error::other)?;
+        std::fs::write(path, svg).map_err(|error| named(path, &error))?;
+        let png = figure.png().map_err(io::Error::other)?;
+        let beside = path.with_extension("png");
+        std::fs::write(&beside, png).map_err(|error| named(&beside, &error))
     }
 }
 
@@ -192,6 +210,8 @@ impl PeriodSink for Follower {
         };
         if let Some(tracks) = &tracks {
             self.ways.take(seen.time_s, tracks);
+            let smoothed = self.tracker.smoothed();
+            self.smoothing.take(&self.node, (&smoothed, tracks), self.smoothed.as_mut())?;
             let node = self.node.clone();
             let (half_depth_m, half_depth_sigma_m) = self.half_depth_m;
             let Seen { period, time_s, .. } = *seen;
@@ -217,6 +237,8 @@ impl PeriodSink for Follower {
             file.finish()?;
         }
         self.csv.as_mut().map_or(Ok(()), PartFile::finish)?;
+        self.smoothing.finish(&self.node, self.smoothed.as_mut())?;
+        self.smoothed.as_mut().map_or(Ok(()), PartFile::finish)?;
         self.video.as_mut().map_or(Ok(()), Video::finish)?;
         self.draw()
     }
@@ -227,6 +249,7 @@ impl PeriodSink for Follower {
             file.abandon()?;
         }
         self.csv.as_mut().map_or(Ok(()), PartFile::abandon)?;
+        self.smoothed.as_mut().map_or(Ok(()), PartFile::abandon)?;
         self.video.as_mut().map_or(Ok(()), Video::abandon)?;
         self.draw()
     }

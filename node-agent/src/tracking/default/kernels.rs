@@ -4,8 +4,8 @@ use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use proto::measured::MeasuredPoint;
 use proto::radar::Grid;
 
-use super::config::{DefaultConfig, Gait};
-use super::error::{lasting_m2, sight};
+use super::config::{BodyModel, DefaultConfig, Gait};
+use super::error::{Known, half_depth_m, lasting_m2, sight};
 use super::history::{History, Record};
 use super::look::{Picture, Window};
 use super::motion::{Estimate, Motion, Sight};
@@ -144,12 +144,14 @@ fn smoothing_is_the_least_squares_of_all_sights_at_once() {
 #[test]
 fn what_lasts_is_no_noise_and_the_middle_lies_behind() {
     let config = DefaultConfig {
-        half_depth_m: 0.1,
         lasting_sigmas_m: [0.03, 0.04],
-        glint_shares: [0.5, 0.0],
+        glint_share: 0.5,
+        noise_share: 0.8,
         glint_s: 0.2,
         ..DefaultConfig::default()
     };
+    let body = BodyModel { half_depth_m: 0.2, glint_m: [0.06, 0.15] };
+    let known = |fade: f64| Known { half_depth_m: 0.1, fade, since_s: 0.2, body: &body };
     let point = MeasuredPoint {
         x_m: 0.0,
         y_m: 4.0,
@@ -158,16 +160,37 @@ fn what_lasts_is_no_noise_and_the_middle_lies_behind() {
         extent_m2: [0.0; 3],
         radial_velocity_m_per_s: None,
     };
-    let got = sight(&point, 0.2, &config);
+    let got = sight(&point, &known(2.0), &config);
     assert!((got.place_m - Vector2::new(0.0, 4.1)).norm() < ROUNDING);
     // The mean of N values of a first-order process, summed up: N var(mean) over the variance.
     let rho = (-1.0_f64).exp();
     let longer = 1.0 + 2.0 * (1..200).map(|lag| rho.powi(lag)).sum::<f64>();
-    let along_m2 = (0.01 - 0.0009) * (0.5 + 0.5 * longer);
+    // Half the mean power: the wander has twice its variance, the noise has not.
+    let along_m2 = 0.8 * (0.01 - 0.0036) + 0.5 * 2.0 * longer * (0.0036 - 0.0009);
+    let across_m2 = 0.8 * (0.04 - 0.0225) + 0.5 * 2.0 * longer * (0.0225 - 0.0016);
     assert!((got.cov_m2[(1, 1)] - along_m2).abs() < 1e-9, "{}", got.cov_m2);
-    assert!((got.cov_m2[(0, 0)] - (0.04 - 0.0016)).abs() < 1e-9, "{}", got.cov_m2);
+    assert!((got.cov_m2[(0, 0)] - across_m2).abs() < 1e-9, "{}", got.cov_m2);
+    // Beyond the bounds nothing changes any more.
+    assert_eq!(sight(&point, &known(10.0), &config), sight(&point, &known(1e9), &config));
     let lasts = lasting_m2(&got.place_m, &config);
     assert!((lasts - Matrix2::new(0.0016, 0.0, 0.0, 0.0009)).norm() < ROUNDING);
+}
+
+#[test]
+fn a_body_is_deeper_for_one_who_walks_across() {
+    let config = DefaultConfig { aspect_share: 0.4, ..DefaultConfig::default() };
+    let body = BodyModel { half_depth_m: 0.1, glint_m: [0.0; 2] };
+    let place_m = Vector2::new(3.0, 4.0);
+    let deep = |x: f64, y: f64| half_depth_m(&place_m, &Vector2::new(x, y), &body, &config);
+    // Fast, along the line of sight both ways, and across it: 0.1 ∓ 0.04 but for 0.3² / 100².
+    for (sign, along) in [(1.0, -1.0), (-1.0, 1.0)] {
+        assert!((deep(sign * 60.0, sign * 80.0) - 0.06).abs() < 1e-6);
+        assert!((deep(along * 80.0, -along * 60.0) - 0.14).abs() < 1e-6);
+    }
+    assert!((deep(0.0, 0.0) - 0.1).abs() < ROUNDING);
+    // At 45 degrees to it, and half of it at the speed that counts as half walking.
+    assert!((deep(-10.0, 70.0) - 0.1).abs() < ROUNDING);
+    assert!((deep(0.18, 0.24) - 0.08).abs() < ROUNDING);
 }
 
 #[test]

@@ -8,19 +8,19 @@
 //! they end when they were not seen for as long as suits the way they were last seen (`person`).
 //! Source: \[mean-shift\] for the localiser.
 
-use nalgebra::{Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix2, Vector2};
 
-use proto::measured::MeasuredPoint;
+use proto::measured::{MeasuredPoint, symmetric};
 
 use super::maxima::Raster;
 use super::paper::check_frame;
-use super::{Frame, FrameError, Track, Tracker};
+use super::{Frame, FrameError, Smoothed, Track, Tracker};
 use crate::imaging::InvalidSetting;
 
-pub use config::{DefaultConfig, Door, Gait};
+pub use config::{BodyModel, DefaultConfig, Door, Gait, HALF_DEPTH_M};
 
 use assign::Assignment;
-use error::Usual;
+use error::{Known, Usual};
 use history::History;
 use look::{Picture, Window};
 use motion::Sight;
@@ -50,23 +50,11 @@ const LOOK_SIGMAS: f64 = 3.0;
 const LOOK_RANGE_M: [f64; 2] = [0.25, 0.8];
 const LOOK_SINE: [f64; 2] = [0.08, 0.2];
 
-/// Where somebody was a while ago, with all that came after.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Smoothed {
-    /// That of the track.
-    pub id: u64,
-    /// When, seconds on the node's clock: the lag ago, or as long as the track is known.
-    pub time_s: f64,
-    /// `(x_m, y_m, x_m_per_s, y_m_per_s)` in the node's frame.
-    pub state: Vector4<f64>,
-    /// Covariance of `state`.
-    pub covariance: Matrix4<f64>,
-}
-
 /// Follows people by points, and by the image where there are none.
 #[derive(Clone, Debug)]
 pub struct DefaultTracker {
     config: DefaultConfig,
+    body: BodyModel,
     gaits: [Gait; 2],
     last_s: Option<f64>,
     next_id: u64,
@@ -82,15 +70,16 @@ pub struct DefaultTracker {
 }
 
 impl DefaultTracker {
-    /// Nobody is followed yet.
+    /// Nobody is followed yet; points will be of that `body`.
     ///
     /// # Errors
     /// Names the first setting that makes no sense.
-    pub fn new(config: &DefaultConfig) -> Result<Self, InvalidSetting> {
+    pub fn new(config: &DefaultConfig, body: BodyModel) -> Result<Self, InvalidSetting> {
         config.check()?;
         let count = config.max_track_count;
         Ok(Self {
             config: config.clone(),
+            body,
             gaits: [config.steady, config.turning],
             last_s: None,
             next_id: 1,
@@ -106,17 +95,16 @@ impl DefaultTracker {
         })
     }
 
-    /// Where everybody who is followed was `smoothing_lag_s` ago, in ascending order of id.
-    pub fn smoothed(&self) -> impl Iterator<Item = Smoothed> + '_ {
-        self.people.iter().filter_map(|person| {
-            let (time_s, state) = person.smoothed(&self.config)?;
-            Some(Smoothed { id: person.id, time_s, state: state.mean, covariance: state.cov })
-        })
-    }
-
     /// What `point` says of where `person` is.
     fn sight(&self, person: &Person, point: &MeasuredPoint, time_s: f64) -> Sight {
-        error::sight(point, time_s - person.seen_s, &self.config)
+        let known = self.known(person, person.fade(point), time_s);
+        error::sight(point, &known, &self.config)
+    }
+
+    /// What is known of `person` when seen with their mean power over `fade`.
+    fn known(&self, person: &Person, fade: f64, time_s: f64) -> Known<'_> {
+        let half_depth_m = person.half_depth_m(&self.body, &self.config);
+        Known { half_depth_m, fade, since_s: time_s - person.seen_s, body: &self.body }
     }
 
     /// The price of giving `point` to `person`.
@@ -149,7 +137,8 @@ impl DefaultTracker {
     fn update(&mut self, frame: &Frame<'_>, points: &[MeasuredPoint], picture: &Picture<'_>) {
         let time_s = frame.time_s;
         self.surfaces_m.clear();
-        self.surfaces_m.extend(self.people.iter().map(|person| person.surface_m(&self.config)));
+        self.surfaces_m
+            .extend(self.people.iter().map(|person| person.surface_m(&self.body, &self.config)));
         for index in 0..self.people.len() {
             let Some(column) = self.chosen[index] else { continue };
             let point = &points[column];
@@ -185,8 +174,8 @@ impl DefaultTracker {
         };
         let power_ratio =
             f64::from(found.peak / frame.noise_amplitude.max(f32::MIN_POSITIVE)).powi(2);
-        let since_s = frame.time_s - person.seen_s;
-        let sight = self.usual.weak_sight(found.place_m, power_ratio, since_s, &self.config);
+        let known = self.known(person, 1.0, frame.time_s);
+        let sight = self.usual.weak_sight(found.place_m, power_ratio, &known, &self.config);
         let Some(sight) = sight else { return false };
         let fits =
             person.now.misfit(&sight).is_some_and(|(d2, _)| d2 < self.config.gate_sigmas.powi(2));
@@ -199,17 +188,35 @@ impl DefaultTracker {
         true
     }
 
+    /// Whether what is at `surface_m` is a limb or a sidelobe of `person`, who is seen: one more
+    /// person cannot come out of a blob that does not part.
+    fn is_part_of(&self, person: &Person, surface_m: &Vector2<f64>, frame: &Frame<'_>) -> bool {
+        let is_seen = person.is_confirmed && frame.time_s - person.seen_s < LOST_S;
+        let off_m = surface_m - person.surface_m(&self.body, &self.config);
+        let pixel_m2 = Matrix2::identity() * frame.grid.pixel_m.powi(2);
+        let distance2 = (symmetric(person.extent_m2) + pixel_m2)
+            .try_inverse()
+            .map_or(f64::INFINITY, |inverse| off_m.dot(&(inverse * off_m)));
+        is_seen && distance2 < self.config.body_sigmas.powi(2)
+    }
+
     /// Points of nobody begin tracks.
     fn begin(&mut self, frame: &Frame<'_>, points: &[MeasuredPoint], picture: &Picture<'_>) {
         for (point, is_taken) in points.iter().zip(&self.is_taken) {
             if *is_taken || self.config.max_track_count <= self.people.len() {
                 continue;
             }
-            let sight = error::sight(point, self.config.glint_s, &self.config);
+            let known = Known {
+                half_depth_m: self.body.half_depth_m,
+                fade: 1.0,
+                since_s: self.config.glint_s,
+                body: &self.body,
+            };
+            let sight = error::sight(point, &known, &self.config);
             let place_m = Vector2::new(point.x_m, point.y_m);
             let is_theirs = |person: &Person| {
                 let near = (person.now.place_m() - sight.place_m).norm() < BODY_M;
-                near && frame.time_s <= person.seen_s
+                (near && frame.time_s <= person.seen_s) || self.is_part_of(person, &place_m, frame)
             };
             if self.people.iter().any(is_theirs) {
                 continue;
@@ -251,6 +258,7 @@ impl DefaultTracker {
         let nearest = rated.min_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((lost, _)) = nearest.filter(|(at, _)| *at != index) {
             self.people[index].id = self.people[lost].id;
+            self.people[index].has_walked |= self.people[lost].has_walked;
             self.spare.push(self.people.remove(lost).into_history());
         }
     }
@@ -300,6 +308,15 @@ impl Tracker for DefaultTracker {
         self.end(frame);
         self.tell(time_s);
         Ok(&self.tracks)
+    }
+
+    /// `smoothing_lag_s` ago.
+    fn smoothed(&self) -> Vec<Smoothed> {
+        let of_person = |person: &Person| {
+            let (time_s, state) = person.smoothed(&self.config)?;
+            Some(Smoothed { id: person.id, time_s, state: state.mean, covariance: state.cov })
+        };
+        self.people.iter().filter_map(of_person).collect()
     }
 }
 

@@ -7,16 +7,22 @@ use proto::radar::Grid;
 
 use super::super::shift::Template;
 use super::super::{Track, TrackStatus};
-use super::config::{DefaultConfig, Gait};
-use super::error::lasting_m2;
+use super::config::{BodyModel, DefaultConfig, Gait};
+use super::error::{half_depth_m, lasting_m2};
 use super::history::{History, Record};
 use super::look::Picture;
 use super::motion::{Estimate, Motion, Sight};
+use crate::imaging::from_db;
 
 /// Speed of somebody who turns up, standard deviation per axis, metres per second.
 const START_SPEED_M_PER_S: f64 = 0.8;
 /// Share of a new extent or likeness in the mean.
 const BLEND: f64 = 0.2;
+/// Share of a new point's power in the mean, after the first ones: of 17 frames, or four independent
+/// fades of one who walks.
+const POWER_BLEND: f64 = 0.06;
+/// Whoever came this far has walked, metres: farther than a shadow's points wander.
+const WALKED_M: f64 = 0.8;
 /// Largest change of the score by one frame without a point.
 const WEAK_SCORE: f64 = 1.0;
 /// A score does not grow beyond this: one who was seen for hours is not believed in for hours.
@@ -34,11 +40,15 @@ pub(super) struct Person {
     pub(super) template: Option<Template>,
     appearance: f64,
     pub(super) began_s: f64,
+    began_m: Vector2<f64>,
+    /// Whether they ever left the place where they turned up: shadows do not.
+    pub(super) has_walked: bool,
     /// When last seen.
     pub(super) seen_s: f64,
     /// Where.
     pub(super) seen_m: Vector2<f64>,
     point_count: u32,
+    mean_power: f64,
     score: f64,
     needed_score: f64,
     pub(super) is_confirmed: bool,
@@ -68,9 +78,12 @@ impl Person {
             template: None,
             appearance: 1.0,
             began_s: time_s,
+            began_m: sight.place_m,
+            has_walked: false,
             seen_s: time_s,
             seen_m: sight.place_m,
             point_count: 1,
+            mean_power: from_db(point.snr_db),
             score: 0.0,
             needed_score: f64::INFINITY,
             is_confirmed: false,
@@ -92,9 +105,14 @@ impl Person {
     }
 
     /// Where the near side is.
-    pub(super) fn surface_m(&self, config: &DefaultConfig) -> Vector2<f64> {
+    pub(super) fn surface_m(&self, body: &BodyModel, config: &DefaultConfig) -> Vector2<f64> {
         let place_m = self.now.place_m();
-        place_m - line_of_sight(&place_m) * config.half_depth_m
+        place_m - line_of_sight(&place_m) * self.half_depth_m(body, config)
+    }
+
+    /// How far their near side is before their middle, metres.
+    pub(super) fn half_depth_m(&self, body: &BodyModel, config: &DefaultConfig) -> f64 {
+        half_depth_m(&self.now.place_m(), &self.now.velocity(), body, config)
     }
 
     /// Goes on to `time_s`. Who stands and is not seen is held where they are: they breathe too
@@ -111,12 +129,18 @@ impl Person {
         self.predicted = Record { time_s, predicted: self.now, cross, filtered: self.now };
     }
 
+    /// Mean power of their points over that of `point`.
+    pub(super) fn fade(&self, point: &MeasuredPoint) -> f64 {
+        self.mean_power / from_db(point.snr_db).max(f64::MIN_POSITIVE)
+    }
+
     /// Takes a sight of them in.
     fn see(&mut self, time_s: f64, sight: &Sight, config: &DefaultConfig) {
         self.motion.update(sight);
         self.now = self.motion.merged();
         self.seen_s = time_s;
         self.seen_m = self.now.place_m();
+        self.has_walked |= WALKED_M < (self.seen_m - self.began_m).norm();
         self.stands = self.now.velocity().norm() < config.standing_m_per_s;
     }
 
@@ -130,6 +154,8 @@ impl Person {
     ) {
         self.see(time_s, sight, config);
         self.point_count = self.point_count.saturating_add(1);
+        let share = (1.0 / f64::from(self.point_count)).max(POWER_BLEND);
+        self.mean_power += share * (from_db(point.snr_db) - self.mean_power);
         self.score = (self.score + gain).min(MAX_SCORE);
         for (own, seen) in self.extent_m2.iter_mut().zip(point.extent_m2) {
             *own += BLEND * (seen - *own);
@@ -176,7 +202,8 @@ impl Person {
         let limit_s = match (self.is_confirmed, is_leaving, self.stands) {
             (false, ..) => config.tentative_coast_s,
             (true, true, _) => config.exit_coast_s,
-            (true, false, true) => config.standing_coast_s,
+            (true, false, true) if self.has_walked => config.standing_coast_s,
+            (true, false, true) => config.still_coast_s,
             (true, false, false) => config.walking_coast_s,
         };
         let is_finite = self.now.mean.iter().chain(self.now.cov.iter()).all(|v| v.is_finite());

@@ -2,7 +2,7 @@
 //!
 //! Missed and false are counted from 2 s on; a track within 0.5 m follows a person.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix4, Vector2, Vector4};
 use rayon::prelude::*;
 
 use super::*;
@@ -84,7 +84,7 @@ type Followed = (u64, Vector2<f64>);
 
 fn run(experiment: Experiment, config: &DefaultConfig, seed: u64) -> Score {
     let stage = Stage::new(experiment, &in_the_room(ChainConfig::default())).unwrap();
-    let mut tracker = DefaultTracker::new(config).unwrap();
+    let mut tracker = DefaultTracker::new(config, BodyModel::default()).unwrap();
     let mut score = Score { run_count: 1.0, ..Score::default() };
     let mut last: [Option<u64>; 2] = [None; 2];
     let mut past: Vec<[Option<Followed>; 2]> = Vec::new();
@@ -111,7 +111,7 @@ fn run(experiment: Experiment, config: &DefaultConfig, seed: u64) -> Score {
         }
         past.push(now);
         let then = past.len().checked_sub(1 + LAG).map_or([None; 2], |index| past[index]);
-        for late in tracker.smoothed().filter(|s| 0.95 < shown.frame.time_s - s.time_s) {
+        for late in tracker.smoothed().iter().filter(|s| 0.95 < shown.frame.time_s - s.time_s) {
             let Some((_, truth_m)) = then.iter().flatten().find(|(id, _)| *id == late.id) else {
                 continue;
             };

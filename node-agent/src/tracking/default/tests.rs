@@ -24,7 +24,7 @@ struct Play {
 
 impl Play {
     fn new(config: &DefaultConfig) -> Self {
-        let tracker = DefaultTracker::new(config).unwrap();
+        let tracker = DefaultTracker::new(config, BodyModel::default()).unwrap();
         let image = vec![0.0; GRID.pixel_count()];
         Self { tracker, time_s: 0.0, image, rng: ChaCha8Rng::seed_from_u64(4) }
     }
@@ -53,7 +53,7 @@ impl Play {
 
 /// The near side of somebody whose middle is at `middle_m`.
 fn point(middle_m: Vector2<f64>) -> MeasuredPoint {
-    let surface_m = middle_m - middle_m.normalize() * DefaultConfig::default().half_depth_m;
+    let surface_m = middle_m - middle_m.normalize() * HALF_DEPTH_M;
     MeasuredPoint {
         x_m: surface_m.x,
         y_m: surface_m.y,
@@ -136,6 +136,9 @@ fn two_who_cross_keep_their_ids() {
 fn who_stops_is_kept_and_who_walks_out_is_not() {
     let config = DefaultConfig::default();
     let mut play = Play::new(&config);
+    for step in 0..20 {
+        play.show(&[at(-1.0, 6.0 - 0.1 * f64::from(step))]);
+    }
     play.hold(&[at(-1.0, 4.0)], 40);
     // He stops breathing, as it were: no point for 20 s.
     let kept = play.hold(&[], 200);
@@ -150,6 +153,46 @@ fn who_stops_is_kept_and_who_walks_out_is_not() {
     }
     assert_eq!(gone.hold(&[], 5).len(), 1);
     assert!(gone.hold(&[], 12).is_empty());
+}
+
+#[test]
+fn what_never_walked_is_not_held() {
+    // The shadow of somebody who sat there when the radar was switched on, and left.
+    let mut play = Play::new(&DefaultConfig::default());
+    assert_eq!(play.hold(&[at(-1.0, 4.0)], 60)[0].status, TrackStatus::Confirmed);
+    assert_eq!(play.hold(&[], 38).len(), 1);
+    assert!(play.hold(&[], 4).is_empty());
+}
+
+#[test]
+fn a_limb_beside_somebody_is_nobody() {
+    let mut play = Play::new(&DefaultConfig::default());
+    play.hold(&[at(0.0, 5.0)], 30);
+    // Of an extent of 0.14 m by 0.10 m: inside four standard deviations at first, then outside.
+    for _ in 0..20 {
+        assert_eq!(play.show(&[at(0.0, 5.0), at(0.35, 5.3)]).len(), 1);
+    }
+    assert_eq!(play.hold(&[at(0.0, 5.0), at(1.2, 5.0)], 5).len(), 2);
+}
+
+#[test]
+fn a_dark_point_moves_nobody_as_far_as_a_bright_one() {
+    let off_m = |snr_db: f64| {
+        let mut play = Play::new(&DefaultConfig::default());
+        play.hold(&[at(0.0, 5.0)], 40);
+        let aside = MeasuredPoint { snr_db, ..point(at(0.3, 5.0)) };
+        let frame = Frame {
+            time_s: play.time_s + FRAME_S,
+            grid: GRID,
+            amplitude: &play.image,
+            noise_amplitude: 0.01,
+            points: &[aside],
+        };
+        let tracks = play.tracker.track(&frame).unwrap();
+        place_m(&tracks[0]).x
+    };
+    // A quarter of the power, four times the variance of the wander.
+    assert!(off_m(14.0) < 0.6 * off_m(20.0), "{} {}", off_m(14.0), off_m(20.0));
 }
 
 #[test]
@@ -191,7 +234,7 @@ fn smoothed_states_are_a_second_old_and_better() {
     for step in 1..=150 {
         let tracks = play.show(&[way(FRAME_S * f64::from(step))]);
         if 30 < step {
-            let told = play.tracker.smoothed().next().unwrap();
+            let told = play.tracker.smoothed()[0];
             assert!((play.time_s - told.time_s - 1.0).abs() < 1e-9 && told.id == 1);
             raw += (place_m(&tracks[0]) - way(play.time_s)).norm_squared();
             let smoothed_m = Vector2::new(told.state[0], told.state[1]);
@@ -252,7 +295,7 @@ fn senseless_frames_are_refused_and_change_nothing() {
 
 #[test]
 fn strange_images_give_nobody_and_no_nonsense() {
-    let mut tracker = DefaultTracker::new(&DefaultConfig::default()).unwrap();
+    let mut tracker = DefaultTracker::new(&DefaultConfig::default(), BodyModel::default()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     for step in 1..200_u32 {
         let side = if step % 50 == 0 { 1 } else { 40 + step as usize % 3 };

@@ -3,11 +3,12 @@
 use clap::ValueEnum;
 use nalgebra::{Matrix2, Vector2};
 use node_agent::pipeline::ChainConfig;
-use node_agent::tracking::default::{DefaultConfig, DefaultTracker};
-use node_agent::tracking::experiments::{in_the_room, middle_m, paper_chain};
+use node_agent::tracking::default::{BodyModel, DefaultConfig, DefaultTracker};
+use node_agent::tracking::experiments::{HALF_DEPTH_M, in_the_room, middle_m, paper_chain};
 use node_agent::tracking::paper::{PaperConfig, PaperTracker};
 use node_agent::tracking::shift::Weighting;
 use node_agent::tracking::{Track, TrackStatus, Tracker};
+use proto::measured::line_of_sight;
 use serde::Serialize;
 
 use super::centroid::CentroidTracker;
@@ -71,7 +72,9 @@ impl Entrant {
     /// If its settings make no sense, which the usual ones do not.
     pub(super) fn tracker(self) -> anyhow::Result<Box<dyn Tracker>> {
         Ok(match self {
-            Self::Default => Box::new(DefaultTracker::new(&DefaultConfig::default())?),
+            Self::Default => {
+                Box::new(DefaultTracker::new(&DefaultConfig::default(), BodyModel::default())?)
+            }
             Self::Paper => Box::new(PaperTracker::new(&PaperConfig::default())?),
             Self::PaperWithoutWeights => {
                 let weighting = Weighting::Even;
@@ -86,6 +89,16 @@ impl Entrant {
     pub(super) fn reports(self, tracks: &[Track]) -> Vec<Estimate<u64>> {
         let confirmed = tracks.iter().filter(|track| track.status != TrackStatus::Tentative);
         confirmed.map(|track| self.report(track)).collect()
+    }
+
+    /// Where the near sides of those people are.
+    pub(super) fn near_sides(self, tracks: &[Track]) -> Vec<Estimate<u64>> {
+        let mut estimates = self.reports(tracks);
+        for estimate in &mut estimates {
+            let middle_m = Vector2::from(estimate.at_m);
+            estimate.at_m = (middle_m - line_of_sight(&middle_m) * HALF_DEPTH_M).into();
+        }
+        estimates
     }
 
     fn report(self, track: &Track) -> Estimate<u64> {

@@ -47,6 +47,8 @@ impl Report {
             "experiment",
             "tracker",
             "RMSE m (95 %)",
+            "near side m",
+            "smoothed m",
             "missed (95 %)",
             "false per frame (95 %)",
             "switches per run (95 %)",
@@ -64,7 +66,7 @@ impl Report {
             let labels = first.chain(std::iter::repeat(String::new()));
             table.add_rows(labels.zip(&result.trackers).map(|(label, one)| row(label, one)));
         }
-        for column in 2..14 {
+        for column in 2..16 {
             if let Some(column) = table.column_mut(column) {
                 column.set_cell_alignment(CellAlignment::Right);
             }
@@ -83,7 +85,8 @@ impl Report {
         let Settings { gate_m, allowance_s, gospa_cutoff_m, .. } = self.settings;
         let mut notes = format!(
             "followed: a confirmed track within {gate_m} m of the body's middle; missed: from \
-             {allowance_s} s on. flawless: none missed, false or switched. GOSPA: p 2, alpha 2, \
+             {allowance_s} s on. near side: RMSE against the mean of what reflects; smoothed: RMSE of \
+             places known with what came within 1 s after. flawless: none missed, false or switched. GOSPA: p 2, alpha 2, \
              c {gospa_cutoff_m} m, from the first frame on. NEES: 2 if the covariance is true\n\
              prototype: RMSE m / missed / false per frame / switches per run, on people and a chain \
              of its own\n"
@@ -148,6 +151,8 @@ fn row(label: String, one: &TrackerResult) -> Vec<String> {
         label,
         summary.tracker.to_owned(),
         text(rmse_m, 3),
+        value(figures.near_side_rmse_m, 3, ""),
+        value(figures.smoothed_rmse_m, 3, ""),
         text(missed_share, 3),
         text(false_per_frame, 3),
         text(switches_per_run, 2),

@@ -11,6 +11,10 @@ use crate::metrics::Score;
 #[derive(Clone, Debug, Serialize)]
 pub(in super::super) struct Figures {
     pub(in super::super) rmse_m: Option<Figure>,
+    /// The same of near sides against where what people reflect comes from on average.
+    pub(in super::super) near_side_rmse_m: Option<Figure>,
+    /// The same of smoothed places.
+    pub(in super::super) smoothed_rmse_m: Option<Figure>,
     pub(in super::super) missed_share: Option<Figure>,
     pub(in super::super) false_per_frame: Option<Figure>,
     pub(in super::super) switches_per_run: Option<Figure>,
@@ -60,9 +64,18 @@ impl Summary {
         let moments = outcomes.iter().map(|outcome| outcome.frames.len()).max().unwrap_or(0);
         let moment =
             |index: usize| outcomes.iter().filter_map(move |one| one.frames.get(index)).copied();
+        let rmse_m = |of: fn(&Outcome) -> Score| {
+            let scores: Vec<Score> = outcomes.iter().map(of).collect();
+            figures(&scores, seed).rmse_m
+        };
+        let figures = Figures {
+            near_side_rmse_m: rmse_m(|outcome| outcome.near_side),
+            smoothed_rmse_m: rmse_m(|outcome| outcome.smoothed),
+            ..figures(&trials, seed)
+        };
         Self {
             tracker,
-            figures: figures(&trials, seed),
+            figures,
             track_us: (0 < frame_count).then(|| 1e6 * took_s / frame_count as f64),
             over_time: (0..moments).map(|index| of_moment(moment(index).sum())).collect(),
             trials,
@@ -91,6 +104,8 @@ pub(in super::super) fn figures(trials: &[Score], seed: u64) -> Figures {
         |score: &Score| score.missed_count + score.false_count + score.switch_count == 0;
     Figures {
         rmse_m: figure(&Score::rmse_m),
+        near_side_rmse_m: None,
+        smoothed_rmse_m: None,
         missed_share: figure(&Score::missed_share),
         false_per_frame: figure(&Score::false_per_frame),
         switches_per_run: figure(&|score| Some(score.switch_count as f64 / run_count)),
@@ -119,7 +134,10 @@ mod tests {
 
     fn outcome(score: Score) -> Outcome {
         let took = Duration::from_micros(30);
-        Outcome { score, frames: vec![score], paths: Paths::default(), took }
+        let near_side = Score { squares_m2: 4.0 * score.squares_m2, ..score };
+        let smoothed = Score::default();
+        let paths = Paths::default();
+        Outcome { score, near_side, smoothed, frames: vec![score], paths, took }
     }
 
     fn run(squares_m2: f64, false_count: usize) -> Score {
@@ -143,6 +161,9 @@ mod tests {
         let Figures { rmse_m, missed_share, false_per_frame, switches_per_run, flawless, .. } =
             summary.figures;
         assert!((rmse_m.unwrap().value - (0.64_f64 / 32.0).sqrt()).abs() < 1e-12);
+        let near_side_rmse_m = summary.figures.near_side_rmse_m.unwrap().value;
+        assert!((near_side_rmse_m - 2.0 * rmse_m.unwrap().value).abs() < 1e-12);
+        assert!(summary.figures.smoothed_rmse_m.is_none());
         assert!((missed_share.unwrap().value - 0.2).abs() < 1e-12);
         assert!((false_per_frame.unwrap().value - 0.15).abs() < 1e-12);
         assert!((switches_per_run.unwrap().value - 1.0).abs() < 1e-12);

@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use nalgebra::Vector2;
-use node_agent::tracking::experiments::{Experiment, Shown, Stage};
-use node_agent::tracking::{FrameError, Tracker};
+use nalgebra::{Matrix2, Vector2};
+use node_agent::tracking::default::DefaultConfig;
+use node_agent::tracking::experiments::{Experiment, FRAME_S, Shown, Stage};
+use node_agent::tracking::{FrameError, Smoothed, Tracker};
 use tokio::time::Instant;
 
 use super::entrants::{ChainKind, Entrant};
-use crate::metrics::{Score, Scorer, Settings, Truth};
+use crate::metrics::{Estimate, Score, Scorer, Settings, Truth};
 
 /// What a tracker reported, for pictures.
 #[derive(Clone, Debug, Default)]
@@ -24,6 +25,11 @@ pub(super) struct Paths {
 #[derive(Clone, Debug)]
 pub(super) struct Outcome {
     pub(super) score: Score,
+    /// The same of near sides against where what people reflect comes from on average.
+    pub(super) near_side: Score,
+    /// The same of smoothed places against where people were at their times; nothing is scored for a
+    /// tracker that does not smooth.
+    pub(super) smoothed: Score,
     /// What each frame adds to the score.
     pub(super) frames: Vec<Score>,
     pub(super) paths: Paths,
@@ -45,6 +51,10 @@ struct Running {
     entrant: Entrant,
     tracker: Box<dyn Tracker>,
     scorer: Scorer<usize, u64>,
+    near_side: Scorer<usize, u64>,
+    smoothed: Scorer<usize, u64>,
+    /// When, and where both people were, frame by frame.
+    past: Vec<(f64, Vec<Truth<usize>>)>,
     frames: Vec<Score>,
     paths: Paths,
     took: Duration,
@@ -95,6 +105,9 @@ impl Theatre {
                 entrant,
                 tracker: entrant.tracker()?,
                 scorer: Scorer::new(self.settings)?,
+                near_side: Scorer::new(self.settings)?,
+                smoothed: Scorer::new(self.settings)?,
+                past: Vec::new(),
                 frames: Vec::new(),
                 paths: Paths::default(),
                 took: Duration::ZERO,
@@ -104,15 +117,24 @@ impl Theatre {
     }
 }
 
+/// Both people, at these places in metres.
+fn of_people(places_m: &[Vector2<f64>; 2]) -> Vec<Truth<usize>> {
+    let person = |(id, at_m): (usize, &Vector2<f64>)| Truth { id, at_m: (*at_m).into() };
+    places_m.iter().enumerate().map(person).collect()
+}
+
 impl Running {
     fn watch(&mut self, shown: &Shown<'_>) -> Result<(), FrameError> {
         let started = Instant::now();
         let tracks = self.tracker.track(&shown.frame)?;
         self.took += started.elapsed();
         let estimates = self.entrant.reports(tracks);
-        let person =
-            |(id, middle_m): (usize, &Vector2<f64>)| Truth { id, at_m: (*middle_m).into() };
-        let truths: Vec<Truth<usize>> = shown.middles_m.iter().enumerate().map(person).collect();
+        let near_sides = self.entrant.near_sides(tracks);
+        let confirmed: Vec<u64> = estimates.iter().map(|estimate| estimate.id).collect();
+        let truths = of_people(&shown.middles_m);
+        self.near_side.add(shown.frame.time_s, &of_people(&shown.shining_m), &near_sides);
+        self.past.push((shown.frame.time_s, truths.clone()));
+        self.score_smoothed(shown.frame.time_s, &confirmed);
         self.frames.push(self.scorer.add(shown.frame.time_s, &truths, &estimates));
         for (path_m, truth) in self.paths.truths_m.iter_mut().zip(&truths) {
             path_m.push(truth.at_m);
@@ -123,8 +145,25 @@ impl Running {
         Ok(())
     }
 
+    /// Scores who is smoothed over the whole lag by now.
+    fn score_smoothed(&mut self, time_s: f64, confirmed: &[u64]) {
+        let then_s = time_s - DefaultConfig::default().smoothing_lag_s;
+        let is_then = |at_s: f64| (at_s - then_s).abs() < 0.5 * FRAME_S;
+        let Some((_, truths)) = self.past.iter().find(|(at_s, _)| is_then(*at_s)) else { return };
+        let mut smoothed = self.tracker.smoothed();
+        smoothed.retain(|one| is_then(one.time_s) && confirmed.contains(&one.id));
+        let estimate = |one: &Smoothed| {
+            let covariance_m2: Matrix2<f64> = one.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+            let at_m = [one.state[0], one.state[1]];
+            Estimate { id: one.id, at_m, covariance_m2: Some(covariance_m2) }
+        };
+        let estimates: Vec<Estimate<u64>> = smoothed.iter().map(estimate).collect();
+        self.smoothed.add(then_s, truths, &estimates);
+    }
+
     fn outcome(self) -> Outcome {
-        let Self { scorer, frames, paths, took, .. } = self;
-        Outcome { score: scorer.score(), frames, paths, took }
+        let Self { scorer, near_side, smoothed, frames, paths, took, .. } = self;
+        let [score, near_side, smoothed] = [&scorer, &near_side, &smoothed].map(Scorer::score);
+        Outcome { score, near_side, smoothed, frames, paths, took }
     }
 }

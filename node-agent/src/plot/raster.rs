@@ -7,11 +7,12 @@ use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::{Drawable, Point as Pixel, RgbColor};
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
-use node_agent::plot::canvas::Canvas;
 use plotters_backend::text_anchor::{HPos, VPos};
 use plotters_backend::{
     BackendColor, BackendCoord, BackendTextStyle, DrawingBackend, DrawingErrorKind,
 };
+
+use super::canvas::Canvas;
 
 /// Texts of at least this size are titles.
 const TITLE_SIZE: f64 = 17.0;
@@ -19,13 +20,16 @@ const TITLE_SIZE: f64 = 17.0;
 type Drawn = Result<(), DrawingErrorKind<Infallible>>;
 
 /// Draws on a canvas of `size` pixels. Knows ASCII, written from left to right, in two sizes.
-pub(super) struct Raster<'a> {
+#[derive(Debug)]
+pub struct Raster<'a> {
     canvas: &'a mut Canvas,
     size: (u32, u32),
 }
 
 impl<'a> Raster<'a> {
-    pub(super) fn new(canvas: &'a mut Canvas, size: (u32, u32)) -> Self {
+    /// Draws on `canvas`, which must be of `size`: width and height.
+    #[must_use]
+    pub fn new(canvas: &'a mut Canvas, size: (u32, u32)) -> Self {
         Self { canvas, size }
     }
 }
