@@ -10,7 +10,7 @@
 //! `R' = s (R − G²) + g² (P̄ / P) (1 + ρ)/(1 − ρ)`, `g² = q (G² − L²)`. What lasts as long as the person walks
 //! the same way, the spread of half depths and the shape of the body, `L²`, is no noise: it is added
 //! to what a track says, never averaged. The chain's own noise term covers blobs that two people
-//! widen, and is too large by `1 / s` for most.
+//! widen, and is too large by `1 / s` for most; where `G = 0`, of points, it is right.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -94,7 +94,8 @@ fn inflated(sight: Sight, known: &Known<'_>, config: &DefaultConfig) -> Sight {
         let whole_m2 = axes[axis].dot(&(sight.cov_m2 * axes[axis])).max(LEAST_M2);
         let glint_m2 = known.body.glint_m[axis].powi(2).min(whole_m2);
         let wanders_m2 = (glint_m2 - config.lasting_sigmas_m[axis].powi(2)).max(0.0);
-        let own_m2 = config.noise_share * (whole_m2 - glint_m2) + longer * wanders_m2;
+        let noise_share = if 0.0 < glint_m2 { config.noise_share } else { 1.0 };
+        let own_m2 = noise_share * (whole_m2 - glint_m2) + longer * wanders_m2;
         (own_m2 / whole_m2).max(LEAST_SHARE).sqrt()
     };
     let wider = turned(&sight.place_m, [scale(0), scale(1)]);

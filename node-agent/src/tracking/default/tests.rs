@@ -14,6 +14,9 @@ const GRID: Grid =
 /// Standard deviation of points, metres.
 const SIGMA_M: f64 = 0.05;
 
+/// Points without wander.
+const NOISE_ALONE: BodyModel = BodyModel { half_depth_m: HALF_DEPTH_M, glint_m: [0.0; 2] };
+
 /// Frames of points alone, in the dark.
 struct Play {
     tracker: DefaultTracker,
@@ -24,7 +27,9 @@ struct Play {
 
 impl Play {
     fn new(config: &DefaultConfig) -> Self {
-        let tracker = DefaultTracker::new(config, BodyModel::default()).unwrap();
+        // These bodies are round.
+        let round = DefaultConfig { aspect_share: 0.0, ..config.clone() };
+        let tracker = DefaultTracker::new(&round, NOISE_ALONE).unwrap();
         let image = vec![0.0; GRID.pixel_count()];
         Self { tracker, time_s: 0.0, image, rng: ChaCha8Rng::seed_from_u64(4) }
     }
@@ -179,6 +184,9 @@ fn a_limb_beside_somebody_is_nobody() {
 fn a_dark_point_moves_nobody_as_far_as_a_bright_one() {
     let off_m = |snr_db: f64| {
         let mut play = Play::new(&DefaultConfig::default());
+        // All of a point's error is wander.
+        let body = BodyModel { glint_m: [SIGMA_M; 2], ..NOISE_ALONE };
+        play.tracker = DefaultTracker::new(&DefaultConfig::default(), body).unwrap();
         play.hold(&[at(0.0, 5.0)], 40);
         let aside = MeasuredPoint { snr_db, ..point(at(0.3, 5.0)) };
         let frame = Frame {
