@@ -110,14 +110,15 @@ impl PathsFigure {
             .y_label_area_size(48)
             .build_cartesian_2d(x_range, y_range)?;
         chart.configure_mesh().x_desc("x in m").y_desc("y in m").light_line_style(WHITE).draw()?;
-        for (index, line) in truth.iter().enumerate() {
+        for line in truth {
             let places = line.places_m.iter().map(|[x, y]| (*x, *y));
-            let drawn = chart.draw_series(LineSeries::new(places, TRUTH_COLOR.stroke_width(5)))?;
-            if index == 0 {
-                drawn.label("true").legend(|(x, y)| {
-                    PathElement::new(vec![(x, y), (x + 16, y)], TRUTH_COLOR.stroke_width(5))
-                });
-            }
+            chart.draw_series(LineSeries::new(places, TRUTH_COLOR.stroke_width(5)))?;
+        }
+        if !truth.is_empty() {
+            let nothing = LineSeries::new([(0.0, 0.0); 0], TRUTH_COLOR);
+            chart.draw_series(nothing)?.label("true").legend(|(x, y)| {
+                PathElement::new(vec![(x, y), (x + 16, y)], TRUTH_COLOR.stroke_width(5))
+            });
         }
         for (index, line) in estimated.iter().enumerate() {
             draw_estimated(&mut chart, COLORS[index % COLORS.len()], line)?;
