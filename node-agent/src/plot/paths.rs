@@ -17,7 +17,7 @@ use super::raster::Raster;
 
 /// Pixels of a metre, and of what stands around the axes.
 const PIXELS_PER_M: f64 = 60.0;
-const AROUND: (f64, f64) = (84.0, 100.0);
+const AROUND: (f64, f64) = (94.0, 100.0);
 /// Width and height of the axes at most, pixels.
 const MAX_PIXELS: f64 = 1000.0;
 /// Least width, pixels: the title must have room.
@@ -106,6 +106,7 @@ impl PathsFigure {
         let mut chart = ChartBuilder::on(area)
             .caption(title.as_str(), ("sans-serif", 16).into_font())
             .margin(12)
+            .margin_left(22)
             .x_label_area_size(40)
             .y_label_area_size(48)
             .build_cartesian_2d(x_range, y_range)?;
