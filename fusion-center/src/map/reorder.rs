@@ -67,6 +67,8 @@ struct Sensor {
     boot: BootId,
     heard: CentreTime,
     newest_s: f64,
+    /// The newest time of its former life: what comes again was taken then.
+    former_s: Option<f64>,
     sequences: BTreeSet<u64>,
 }
 
@@ -123,18 +125,21 @@ impl<T> Reorder<T> {
             boot: origin.boot,
             heard: arrived,
             newest_s: time_s,
+            former_s: None,
             sequences: BTreeSet::new(),
         };
         let sensor = self.sensors.entry(origin.node.clone()).or_insert_with(new);
         if sensor.boot != origin.boot {
-            *sensor = new();
+            let former_s = sensor.former_s.map_or(sensor.newest_s, |s| s.max(sensor.newest_s));
+            *sensor = Sensor { former_s: Some(former_s), ..new() };
         }
         sensor.heard = sensor.heard.max(arrived);
         if !sensor.remember(origin.sequence) {
             return Offer::Duplicate;
         }
         sensor.newest_s = sensor.newest_s.max(time_s);
-        if self.released_s.is_some_and(|released_s| time_s < released_s) {
+        let is_again = sensor.former_s.is_some_and(|former_s| time_s <= former_s);
+        if is_again || self.released_s.is_some_and(|released_s| time_s < released_s) {
             return Offer::Late;
         }
         self.first_arrival.get_or_insert(arrived);
@@ -267,9 +272,10 @@ mod tests {
         assert_eq!(order.offer(at(2.1), origin("b", 0), 10.5, ()), Offer::Duplicate);
         // The same time as the newest is not late: several sensors may look at once.
         assert_eq!(order.offer(at(2.2), origin("b", 1), 11.0, ()), Offer::Kept);
-        // A new life counts from zero.
-        let reborn = Origin { boot: BootId(2), ..origin("a", 0) };
-        assert_eq!(order.offer(at(2.3), reborn, 12.0, ()), Offer::Kept);
+        // A new life counts from zero, and does not say again what the former one has said.
+        let reborn = |sequence| Origin { boot: BootId(2), ..origin("a", sequence) };
+        assert_eq!(order.offer(at(2.3), reborn(0), 11.0, ()), Offer::Late);
+        assert_eq!(order.offer(at(2.3), reborn(1), 12.0, ()), Offer::Kept);
         for name in ["c", "d"] {
             assert_eq!(order.offer(at(2.4), origin(name, 0), 12.0, ()), Offer::Kept);
         }
