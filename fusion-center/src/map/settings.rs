@@ -48,7 +48,10 @@ impl Default for MapConfig {
             max_waiting_count: 10_000,
             publish_interval_s: 0.5,
             publish_tentative: false,
-            assumed: WideConfig { clutter_per_km2: LITTLE_CLUTTER_PER_KM2, ..WideConfig::default() },
+            assumed: WideConfig {
+                clutter_per_km2: LITTLE_CLUTTER_PER_KM2,
+                ..WideConfig::default()
+            },
             tracking: TrackingConfig::default(),
             output: OutputConfig::default(),
         }
