@@ -283,9 +283,9 @@ mod tests {
         assert_eq!(config.people.tracker, want);
         let wrong = toml::from_str::<CentreConfig>("[people.tracker]\nunseen = 9.0");
         assert!(wrong.unwrap_err().to_string().contains("unseen"));
-        let mut config = CentreConfig::default();
-        config.people.tracker.unseen_s = -1.0;
-        assert!(config.check().unwrap_err().to_string().contains("unseen_s"));
+        let mut senseless = CentreConfig::default();
+        senseless.people.tracker.unseen_s = -1.0;
+        assert!(senseless.check().unwrap_err().to_string().contains("unseen_s"));
     }
 
     #[test]

@@ -307,13 +307,13 @@ mod tests {
             let mut arrivals = Vec::new();
             for name in ["a", "b", "c"] {
                 let mut arrived_s: f64 = 0.0;
-                for number in 0..200_u64 {
+                arrivals.extend((0..200_u64).map(|number| {
                     let time_s = 50.0 + 0.1 * number as f64 + random.random_range(0.0..0.09);
                     let delayed_s = time_s - 50.0 + random.random_range(0.0..1.5);
                     // One link keeps the order of what it carries.
                     arrived_s = arrived_s.max(delayed_s);
-                    arrivals.push((arrived_s, origin(name, number), time_s));
-                }
+                    (arrived_s, origin(name, number), time_s)
+                }));
             }
             arrivals.sort_by(|one, other| one.0.total_cmp(&other.0));
             let mut order = Reorder::new(PATIENCE);

@@ -75,9 +75,9 @@ fn errors_lie_along_and_across_the_line_of_sight() {
         plots: vec![plot],
     };
     let name = LookName { sensor_index: 4, look_index: 9 };
-    let look_with = |scan: &LocalScan, radial_convention: RadialConvention| {
+    let look_with = |one: &LocalScan, radial_convention: RadialConvention| {
         let assumed = WideConfig { radial_convention, ..WideConfig::default() };
-        let look = Ground::Plane.look(&Scan::Local(scan.clone()), &assumed, name);
+        let look = Ground::Plane.look(&Scan::Local(one.clone()), &assumed, name);
         let look = look.unwrap().unwrap();
         assert_eq!((look.look().sensor_index, look.look().look_index), (4, 9));
         look.look().plots[0].clone()

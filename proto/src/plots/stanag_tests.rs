@@ -73,7 +73,7 @@ fn read(naming: Naming, pieces: &[&[u8]]) -> Vec<Result<Scan, Damage>> {
     found
 }
 
-fn only_dwell(found: &[Result<Scan, Damage>]) -> crate::wire::Dwell {
+fn only_dwell(found: &[Result<Scan, Damage>]) -> Dwell {
     let [Ok(Scan::Geographic(dwell))] = found else { panic!("{found:?}") };
     dwell.as_ref().clone()
 }
@@ -146,10 +146,10 @@ fn damage_is_named_and_the_rest_is_read() {
     assert_eq!((scan_count, said.len()), (2, 1), "{said:?}");
     assert!(said[0].starts_with("packet 1, P1 at byte"), "{said:?}");
     let mut ingest = Ingest::new(Format::Stanag4607, Naming::Own(node()));
-    let mut found = Vec::new();
-    ingest.datagram(&whole[..whole.len() - 1], &mut found);
-    ingest.datagram(&whole, &mut found);
-    assert!(found[0].is_err() && found[1].is_ok() && found.len() == 2, "{found:?}");
+    let mut single = Vec::new();
+    ingest.datagram(&whole[..whole.len() - 1], &mut single);
+    ingest.datagram(&whole, &mut single);
+    assert!(single[0].is_err() && single[1].is_ok() && single.len() == 2, "{single:?}");
 }
 
 #[test]
@@ -167,12 +167,12 @@ fn what_lacks_a_date_or_a_place_is_told() {
     let Some(Ok(Scan::Geographic(empty))) = found.last() else { panic!("{found:?}") };
     assert!(empty.reports.is_empty() && (empty.time_unix_s - 3600.0).abs() < 1e-9);
     let no_day = Mission { year: 2023, month: 13, day: 14, ..Mission::default() };
-    let found = read(Naming::Own(node()), &[&bytes(vec![Segment::Mission(no_day)])]);
-    assert_eq!(found[0].as_ref().unwrap_err().label(), "mission");
+    let dayless = read(Naming::Own(node()), &[&bytes(vec![Segment::Mission(no_day)])]);
+    assert_eq!(dayless[0].as_ref().unwrap_err().label(), "mission");
     let mut deep = dwell(vec![]);
     deep.sensor_altitude_cm = -2_000_000;
-    let found = read(Naming::Own(node()), &[&bytes(vec![mission(), Segment::Dwell(deep.into())])]);
-    assert_eq!(found[0].as_ref().unwrap_err().label(), "senseless");
+    let low = read(Naming::Own(node()), &[&bytes(vec![mission(), Segment::Dwell(deep.into())])]);
+    assert_eq!(low[0].as_ref().unwrap_err().label(), "senseless");
 }
 
 #[test]

@@ -96,7 +96,8 @@ fn both_kinds_give_the_same_whatever_the_pieces() {
     }
     let Ok(Scan::Local(first)) = &whole[0] else { panic!("{whole:?}") };
     assert_eq!(first.sensor_m, Some([0.0, -100.0, 0.0]));
-    assert_eq!(first.plots[1].at_m, [11.0, 21.0]);
+    let [x_m, y_m] = first.plots[1].at_m;
+    assert!((x_m - 11.0).abs() < 1e-12 && (y_m - 21.0).abs() < 1e-12);
     assert_eq!(first.plots[1].slant_sigma_m, Some(5.0));
     assert_eq!(first.plots[1].cross_sigma_m, Some(5.0));
 }
@@ -134,8 +135,8 @@ fn every_fault_names_its_line_and_column() {
     );
     assert!(csv("time_s,x_m,x_m\n").1.to_string().contains("named twice"));
     assert_eq!(csv("time_s,x_m,y_m\n1,2\n").1, RowFault::CellCount { got: 2, want: 3 });
-    let (line, cell) = csv("time_s,x_m,y_m\n1,2,3\n1,two,3\n");
-    assert_eq!((line, cell.label()), (3, "cell"));
+    let (bad_line, cell) = csv("time_s,x_m,y_m\n1,2,3\n1,two,3\n");
+    assert_eq!((bad_line, cell.label()), (3, "cell"));
     assert!(cell.to_string().starts_with("x_m is \"two\""), "{cell}");
     let name = csv("time_s,sensor,x_m,y_m\n1,Bad Name,3,4\n").1;
     assert!(name.to_string().starts_with("sensor is \"Bad Name\""), "{name}");

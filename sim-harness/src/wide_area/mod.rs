@@ -5,6 +5,5 @@ mod report;
 mod run;
 mod scenario;
 
-pub(crate) use report::Report;
 pub(crate) use run::run;
 pub(crate) use scenario::{WideScenario, find, shipped};

@@ -172,7 +172,7 @@ fn files_and_datagrams_hold_what_is_shown_and_the_last_word_of_what_ended() {
     for scan in 0..10_u64 {
         let effects = send(&mut centre, 4.0 * scan as f64, &dwell("a", 4.0 * scan as f64), scan);
         shown.extend(effects.into_iter().filter_map(|effect| match effect {
-            MapEffect::Show(shown) => Some(*shown),
+            MapEffect::Show(one) => Some(*one),
             MapEffect::Publish(..) => None,
         }));
     }
@@ -195,5 +195,5 @@ fn files_and_datagrams_hold_what_is_shown_and_the_last_word_of_what_ended() {
 
 #[test]
 fn the_message_stays_within_its_limit() {
-    assert!(MapTracks::MAX_BYTES <= proto::wire::MAX_PAYLOAD_BYTES);
+    const { assert!(MapTracks::MAX_BYTES <= proto::wire::MAX_PAYLOAD_BYTES) };
 }

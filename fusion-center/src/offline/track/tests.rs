@@ -146,8 +146,8 @@ async fn what_goes_wrong_is_named_with_its_remedy() {
     let files = Files { kml: Some(folder.path().join("none/t.kml")), ..Files::default() };
     let missing = said(&two_cars(3), TrackOptions { files, ..json() }).await;
     assert!(missing.contains("--kml") && missing.contains("folder that exists"), "{missing}");
-    let files = Files { cot: Some(folder.path().join("t.cot")), ..Files::default() };
-    let nowhere = said(&two_cars(10), TrackOptions { files, ..json() }).await;
+    let with_cot = Files { cot: Some(folder.path().join("t.cot")), ..Files::default() };
+    let nowhere = said(&two_cars(10), TrackOptions { files: with_cot, ..json() }).await;
     assert!(nowhere.contains("--cot: plots on a plane"), "{nowhere}");
     let stop = CancellationToken::new();
     let options = TrackOptions { input: "no-such.4607".into(), ..TrackOptions::default() };
