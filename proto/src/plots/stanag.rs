@@ -198,7 +198,8 @@ fn head(dwell: &Segmented, context: &Context<'_>, node: NodeId, time_unix_s: f64
             angle_half_extent_deg: area.half_angle_rad.to_degrees(),
         },
         minimum_detectable_m_per_s: dwell.minimum_velocity_m_per_s().or(of_job),
-        detection_probability: probability.filter(|share| (0.0..=1.0).contains(share)),
+        // A radar that never detects anything has not said how often it does.
+        detection_probability: probability.filter(|share| 0.0 < *share && *share <= 1.0),
         is_simulated: context.is_simulated,
         reports: Vec::new(),
     }
