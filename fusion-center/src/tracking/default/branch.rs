@@ -25,8 +25,10 @@ pub(super) struct Strength {
 /// A target that may have stopped after it was last seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stand {
-    /// Where it would stand.
-    pub(super) place: Gauss,
+    /// Where it would stand, metres; with [`Stand::cov_m2`], all that [`Gauss::standing`] needs.
+    place_m: [f64; 2],
+    /// Covariance of that, xx, xy, yy.
+    cov_m2: [f64; 3],
     /// Logarithm of the odds that it stands, against that it moves and was missed.
     pub(super) log_odds: f64,
 }
@@ -53,7 +55,7 @@ pub(super) enum Origin {
 }
 
 /// What is believed of a target if it took certain plots.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Branch {
     pub(super) imm: Imm,
     pub(super) time_s: f64,
@@ -69,8 +71,10 @@ pub(super) struct Branch {
     pub(super) last_share: f64,
     pub(super) status: Status,
     pub(super) stand: Option<Stand>,
-    /// What has not been decided yet, oldest first.
-    pub(super) open: Vec<Moment>,
+    /// Its newest open moment among those of the newest open look of the target.
+    pub(super) tip: u16,
+    /// Its oldest among those of the oldest.
+    pub(super) root: u16,
 }
 
 impl Strength {
@@ -105,7 +109,13 @@ impl Stand {
     /// A target that stopped at an unknown moment of the `dt_s` after it was last seen as `last`.
     fn new(last: &Gauss, dt_s: f64, config: &DefaultConfig) -> Self {
         let odds = (config.stop_per_s * dt_s).min(0.5);
-        Self { place: last.stopped_within(dt_s), log_odds: odds.ln() }
+        let (place_m, cov_m2) = last.stopped_within(dt_s);
+        Self { place_m, cov_m2, log_odds: odds.ln() }
+    }
+
+    /// Where it would stand.
+    pub(super) fn place(&self) -> Gauss {
+        Gauss::standing(self.place_m, self.cov_m2)
     }
 
     /// Probability that it stands.
@@ -115,7 +125,7 @@ impl Stand {
 
     /// What is expected if it moved on in the last `dt_s`.
     pub(super) fn moved_on(&self, dt_s: f64, config: &DefaultConfig) -> Gauss {
-        self.place.started_within(dt_s, config.restart_speed_m_per_s)
+        self.place().started_within(dt_s, config.restart_speed_m_per_s)
     }
 }
 
@@ -151,7 +161,8 @@ impl Branch {
             last_share: 1.0,
             status: Status::Tentative,
             stand: None,
-            open: Vec::new(),
+            tip: 0,
+            root: 0,
         };
         new.confirm(config);
         new
@@ -160,7 +171,7 @@ impl Branch {
     /// What is shown: where it stands if it is more likely to stand.
     pub(super) fn shown(&self) -> Gauss {
         match (self.status, &self.stand) {
-            (Status::Stopped, Some(stand)) => stand.place,
+            (Status::Stopped, Some(stand)) => stand.place(),
             _ => self.imm.merged(),
         }
     }
@@ -168,7 +179,7 @@ impl Branch {
     /// The newest look, to be remembered.
     pub(super) fn moment(&self, report: Option<ReportId>, origin: Origin) -> Moment {
         let stopped = self.stand.filter(|_| self.status == Status::Stopped);
-        let imm = stopped.map_or(self.imm, |stand| Imm::new(stand.place, 1.0));
+        let imm = stopped.map_or(self.imm, |stand| Imm::new(stand.place(), 1.0));
         Moment {
             time_s: self.time_s,
             imm,
@@ -188,12 +199,15 @@ impl Branch {
         config: &DefaultConfig,
     ) -> Moment {
         let plot = &look.plots[edge.plot as usize];
-        let moved_on = row.moved_on.filter(|_| edge.moved_on);
+        let moved_on = self.stand.filter(|_| edge.moved_on);
         let fresh = moved_on.is_some() || self.status == Status::Stopped;
         let share = config.steady_share();
         let share_with_plot;
         (self.imm, share_with_plot) = match moved_on {
-            Some(start) => (Imm::new(start.expected, share), share),
+            Some(stand) => {
+                let start = stand.moved_on(look.time_s - self.time_s, config);
+                (Imm::new(start, share), share)
+            }
             None => (row.expected, edge.first_share),
         };
         self.imm.update(plot, share_with_plot);

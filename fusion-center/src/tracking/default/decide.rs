@@ -202,7 +202,7 @@ impl DefaultTracker {
         }
         self.mark_used(ways, &next.shares());
         settle(&mut self.targets, &mut next, self.config.lag_scans);
-        for part in split(&self.targets, &next) {
+        for part in split(&self.targets, next) {
             self.clusters.push(part);
         }
     }
@@ -212,19 +212,19 @@ impl DefaultTracker {
         let place = self.work.place_of[index as usize];
         let touched = self.work.touched.get(place as usize).copied();
         let target = &mut self.targets[index as usize];
-        let leaves = made
-            .iter()
-            .map(|(from, tag)| {
-                let mut leaf = target.leaves[usize::from(*from)].clone();
-                if let Some(touched) = touched.filter(|_| *tag != STAY) {
-                    let row = &self.work.rows[touched.first_row as usize + usize::from(*from)];
-                    let moment = apply(&mut leaf, (row, *tag), &self.work, look, &self.config);
-                    leaf.open.push(moment);
-                }
-                leaf
-            })
-            .collect();
-        target.leaves = leaves;
+        let mut leaves: Vec<Branch> = Vec::with_capacity(made.len());
+        leaves.extend(made.iter().map(|(from, _)| target.leaves[usize::from(*from)]));
+        std::mem::swap(&mut target.leaves, &mut leaves);
+        // All stay or none.
+        let Some(touched) = touched.filter(|_| made.iter().all(|(_, tag)| *tag != STAY)) else {
+            return;
+        };
+        target.open.begin(made.len());
+        for (leaf, (from, tag)) in target.leaves.iter_mut().zip(made) {
+            let row = &self.work.rows[touched.first_row as usize + usize::from(*from)];
+            let moment = apply(leaf, (row, *tag), &self.work, look, &self.config);
+            (leaf.tip, leaf.root) = target.open.push(moment, (leaf.tip, leaf.root));
+        }
     }
 
     /// Marks the plots that are probably taken.

@@ -260,16 +260,25 @@ impl Gauss {
         dx * dx * self.cov[UU] + 2.0 * dx * dy * self.cov[UV] + dy * dy * self.cov[VV]
     }
 
-    /// Where a target stands that stopped at any moment of the next `dt_s`.
-    pub(super) fn stopped_within(&self, dt_s: f64) -> Self {
+    /// Where a target stands that stopped at any moment of the next `dt_s`: its place, metres, and
+    /// the covariance xx, xy, yy of that.
+    pub(super) fn stopped_within(&self, dt_s: f64) -> ([f64; 2], [f64; 3]) {
         let [x, y, u, v] = self.mean;
         let (c, h2) = (&self.cov, dt_s * dt_s / 12.0);
+        let cov_m2 = [
+            c[XX] + h2 * (u * u + c[UU]),
+            c[XY] + h2 * (u * v + c[UV]),
+            c[YY] + h2 * (v * v + c[VV]),
+        ];
+        ([x + 0.5 * dt_s * u, y + 0.5 * dt_s * v], cov_m2)
+    }
+
+    /// A target that stands there.
+    pub(super) fn standing(place_m: [f64; 2], cov_m2: [f64; 3]) -> Self {
         let mut cov = [0.0; 10];
-        cov[XX] = c[XX] + h2 * (u * u + c[UU]);
-        cov[XY] = c[XY] + h2 * (u * v + c[UV]);
-        cov[YY] = c[YY] + h2 * (v * v + c[VV]);
+        [cov[XX], cov[XY], cov[YY]] = cov_m2;
         [cov[UU], cov[VV]] = [STANDING_M2_PER_S2; 2];
-        Self { mean: [x + 0.5 * dt_s * u, y + 0.5 * dt_s * v, 0.0, 0.0], cov }
+        Self { mean: [place_m[0], place_m[1], 0.0, 0.0], cov }
     }
 
     /// Where a standing target is that moved on at any moment of the last `dt_s`, with a velocity of

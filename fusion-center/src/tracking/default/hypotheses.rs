@@ -69,23 +69,31 @@ impl Hypotheses {
         both
     }
 
-    /// Keeps the hypotheses for which `keep` says so of their branches.
-    pub(super) fn retain(&mut self, mut keep: impl FnMut(&[u16]) -> bool) {
-        let width = self.members.len();
-        let (mut costs, mut leaves) = (Vec::new(), Vec::new());
-        for (cost, of) in self.costs.iter().zip(self.leaves.chunks_exact(width.max(1))) {
-            if keep(of) {
-                costs.push(*cost);
-                leaves.extend_from_slice(of);
+    /// Keeps the hypotheses for which `keep` says so of their branches; whether any was dropped.
+    pub(super) fn retain(&mut self, mut keep: impl FnMut(&[u16]) -> bool) -> bool {
+        let (width, count) = (self.members.len(), self.costs.len());
+        let mut kept = 0;
+        for index in 0..count {
+            if keep(self.leaves_of(index)) {
+                self.costs[kept] = self.costs[index];
+                self.leaves.copy_within(index * width..(index + 1) * width, kept * width);
+                kept += 1;
             }
         }
-        (self.costs, self.leaves) = (costs, leaves);
+        self.costs.truncate(kept);
+        self.leaves.truncate(kept * width);
+        kept < count
     }
 
     /// What they say about the members at `places` alone: hypotheses that agree about these become
     /// one, of their summed probability. Costs are relative to the best.
     pub(super) fn about(&self, places: &[usize]) -> Self {
         let shares = self.shares();
+        let ln = |share: &f64| -share.max(f64::MIN_POSITIVE).ln();
+        if places.len() == self.members.len() {
+            let costs = shares.iter().map(ln).collect();
+            return Self { members: self.members.clone(), costs, leaves: self.leaves.clone() };
+        }
         let mut found: Vec<(Vec<u16>, f64)> = Vec::new();
         for (index, share) in shares.iter().enumerate() {
             let of = self.leaves_of(index);
@@ -96,7 +104,7 @@ impl Hypotheses {
             }
         }
         let members = places.iter().map(|place| self.members[*place]).collect();
-        let costs = found.iter().map(|(_, share)| -share.max(f64::MIN_POSITIVE).ln()).collect();
+        let costs = found.iter().map(|(_, share)| ln(share)).collect();
         Self { members, costs, leaves: found.into_iter().flat_map(|(part, _)| part).collect() }
     }
 
@@ -158,7 +166,7 @@ mod tests {
     #[test]
     fn what_is_not_kept_is_gone() {
         let mut kept = two();
-        kept.retain(|leaves| leaves[0] == 0);
+        let _dropped = kept.retain(|leaves| leaves[0] == 0);
         assert_eq!((kept.count(), kept.leaves_of(1)), (2, &[0_u16, 0][..]));
     }
 }

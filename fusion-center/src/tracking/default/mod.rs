@@ -15,6 +15,7 @@ mod gauss;
 mod hypotheses;
 mod imm;
 mod life;
+mod open;
 mod prices;
 mod row;
 mod settle;

@@ -18,14 +18,6 @@ use super::imm::{Imm, Steps};
 /// of areas and speeds are not known so well.
 const MIN_DETECTION_SHARE: f64 = 0.02;
 
-/// A target that stopped and moved on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct MovedOn {
-    pub(super) expected: Gauss,
-    /// Probability that it stood until then and moved on.
-    share: f64,
-}
-
 /// A branch at the time of a look.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
@@ -34,7 +26,10 @@ pub(super) struct Row {
     pub(super) leaf: u32,
     pub(super) expected: Imm,
     pub(super) seen: Seen,
-    pub(super) moved_on: Option<MovedOn>,
+    /// Probability that it stood until then and moved on, over that it moves and is seen; 0 if it
+    /// cannot have stood.
+    moved_on_share: f64,
+    dt_s: f64,
     /// What every plot costs more.
     pub(super) bias: f64,
     pub(super) miss_cost: f64,
@@ -75,17 +70,14 @@ impl Row {
         let best = look.coverage.detection_probability;
         let detection = seen.detected.max(MIN_DETECTION_SHARE * best).min(MAX_DETECTION);
         let missed = 1.0 - seen.detected.min(MAX_DETECTION);
-        let (miss_cost, moved_on) = match &branch.stand {
-            None => (-missed.ln(), None),
+        let (miss_cost, moved_on_share) = match &branch.stand {
+            None => (-missed.ln(), 0.0),
             Some(stand) => {
                 let stands = stand.share();
                 let restart = -(-config.restart_per_s * steps.dt_s).exp_m1();
-                let start = MovedOn {
-                    expected: stand.moved_on(steps.dt_s, config),
-                    share: stands / (1.0 - stands).max(f64::MIN_POSITIVE) * restart * best
-                        / detection,
-                };
-                (-((1.0 - stands) * missed + stands).ln(), Some(start))
+                let odds = stands / (1.0 - stands).max(f64::MIN_POSITIVE);
+                let share = odds * restart * best / detection;
+                (-((1.0 - stands) * missed + stands).ln(), share)
             }
         };
         let moving = branch.stand.map_or(1.0, |stand| 1.0 - stand.share());
@@ -96,7 +88,8 @@ impl Row {
             leaf: 0,
             expected,
             seen,
-            moved_on,
+            moved_on_share,
+            dt_s: steps.dt_s,
             bias: if is_tentative { config.tentative_bias_nats } else { 0.0 },
             miss_cost,
             log_ratio: (moving * detection / clutter).ln(),
@@ -105,8 +98,19 @@ impl Row {
         }
     }
 
+    /// Where `branch` is if it stood and moved on, if it can have.
+    fn moved_on(&self, branch: &Branch, config: &DefaultConfig) -> Option<Gauss> {
+        let stand = branch.stand.filter(|_| 0.0 < self.moved_on_share)?;
+        Some(stand.moved_on(self.dt_s, config))
+    }
+
     /// Where plots pass the gate whose variance is at most `variance_m2` in any direction.
-    pub(super) fn reach(&self, variance_m2: f64, config: &DefaultConfig) -> Reach {
+    pub(super) fn reach(
+        &self,
+        branch: &Branch,
+        variance_m2: f64,
+        config: &DefaultConfig,
+    ) -> Reach {
         let [first, second] = &self.expected.ways;
         let middle_m = [0, 1].map(|axis| 0.5 * (first.mean[axis] + second.mean[axis]));
         let radius = |state: &Gauss| {
@@ -115,7 +119,8 @@ impl Row {
             off + (config.gate_distance2 * (state.widest_m2() + variance_m2)).sqrt()
         };
         let moving = radius(first).max(radius(second));
-        let radius_m = self.moved_on.map_or(moving, |start| moving.max(radius(&start.expected)));
+        let moved_on = self.moved_on(branch, config);
+        let radius_m = moved_on.map_or(moving, |start| moving.max(radius(&start)));
         Reach { middle_m, radius_m }
     }
 
@@ -133,9 +138,9 @@ impl Row {
         let fits = self.expected.fits(plot);
         let (moving_density, first_share) = self.expected.weighed(&fits);
         let moving = fits.iter().any(passes).then_some(moving_density);
-        let started = self.moved_on.and_then(|start| {
-            let fit = start.expected.fit(plot);
-            passes(&fit).then(|| fit.log_density + start.share.ln())
+        let started = self.moved_on(branch, config).and_then(|start| {
+            let fit = start.fit(plot);
+            passes(&fit).then(|| fit.log_density + self.moved_on_share.ln())
         });
         let (log_density, moved_on) = match (moving, started) {
             (None, None) => return None,

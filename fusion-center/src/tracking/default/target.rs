@@ -2,10 +2,11 @@
 
 use std::collections::VecDeque;
 
-use crate::tracking::{ReportId, Settled, Status, Track};
+use crate::tracking::{Settled, Status, Track};
 
 use super::branch::{Branch, Moment, Origin};
 use super::config::DefaultConfig;
+use super::open::Open;
 use super::smooth::smoothed;
 
 /// A target and its branches.
@@ -14,6 +15,8 @@ pub(super) struct Target {
     pub(super) id: u64,
     /// Looks that are decided and have not been taken by the user, oldest first.
     pub(super) trunk: VecDeque<Moment>,
+    /// Looks that are not decided.
+    pub(super) open: Open,
     /// Never none.
     pub(super) leaves: Vec<Branch>,
     /// Which branch is the best.
@@ -32,7 +35,7 @@ impl Target {
     pub(super) fn new(id: u64, branch: Branch) -> Self {
         let first = branch.moment(Some(branch.last_report), Origin::Anew);
         let trunk = VecDeque::from([first]);
-        Self { id, trunk, leaves: vec![branch], best: 0, cluster: None }
+        Self { id, trunk, open: Open::default(), leaves: vec![branch], best: 0, cluster: None }
     }
 
     /// The best branch.
@@ -42,31 +45,24 @@ impl Target {
 
     /// Decides for the best branch.
     pub(super) fn collapse(&mut self) {
-        let mut best = self.leaves.swap_remove(usize::from(self.best));
-        self.trunk.extend(best.open.drain(..));
+        let best = self.leaves.swap_remove(usize::from(self.best));
+        let from = self.trunk.len();
+        self.trunk.extend(self.open.back_from(best.tip));
+        self.trunk.make_contiguous()[from..].reverse();
+        self.open.clear();
         self.leaves.clear();
         self.leaves.push(best);
         (self.best, self.cluster) = (0, None);
     }
 
-    /// Decides for the oldest open moment; all branches have the same.
-    pub(super) fn commit_first(&mut self, share: f64) {
-        let mut firsts = self.leaves.iter_mut().map(|leaf| leaf.open.remove(0));
-        if let Some(first) = firsts.next() {
+    /// Decides for the oldest open moment at `root`, that of all branches.
+    pub(super) fn commit_first(&mut self, root: u16, share: f64) {
+        if let Some(first) = self.open.take_first(root) {
             self.trunk.push_back(Moment { share, ..first });
         }
-        firsts.for_each(drop);
-    }
-
-    /// The report of the oldest open moment of a branch.
-    pub(super) fn first_open(&self, leaf: u16) -> Option<ReportId> {
-        self.leaves[usize::from(leaf)].open.first().and_then(|moment| moment.report)
-    }
-
-    /// How many times later than that of the oldest open moment there are.
-    pub(super) fn open_scans(&self) -> usize {
-        let open = &self.leaves[0].open;
-        open.windows(2).filter(|pair| pair[0].time_s < pair[1].time_s).count()
+        for leaf in &mut self.leaves {
+            leaf.root = self.open.root_of(leaf.tip);
+        }
     }
 
     /// What is shown of it.
@@ -89,12 +85,15 @@ impl Target {
 
     /// Moves what is decided, and followed by enough later looks, to the end of `into`; forgets it.
     pub(super) fn take_settled(&mut self, config: &DefaultConfig, into: &mut Vec<Settled>) {
-        let later = self.leaf().open.len() + self.trunk.len();
+        let later = self.open.look_count() + self.trunk.len();
         let ready = later.saturating_sub(config.smoothing_looks).min(self.trunk.len());
         if ready == 0 || self.leaf().status == Status::Tentative {
             return;
         }
-        let moments: Vec<Moment> = self.trunk.iter().chain(&self.leaf().open).copied().collect();
+        let mut moments: Vec<Moment> = Vec::with_capacity(later);
+        moments.extend(self.open.back_from(self.leaf().tip));
+        moments.reverse();
+        moments.splice(..0, self.trunk.iter().copied());
         settle(self.id, &moments, ready, config, into);
         self.trunk.drain(..ready);
     }

@@ -136,7 +136,10 @@ impl Work {
         self.points_m.clear();
         self.points_m.extend(look.plots.iter().map(|plot| [plot.position_m.x, plot.position_m.y]));
         self.reaches.clear();
-        self.reaches.extend(self.rows.iter().map(|row| row.reach(variance_m2, config)));
+        self.reaches.extend(self.rows.iter().map(|row| {
+            let branch = &targets[row.target as usize].leaves[row.leaf as usize];
+            row.reach(branch, variance_m2, config)
+        }));
         self.radii_m.clear();
         self.radii_m.extend(self.reaches.iter().map(|reach| reach.radius_m));
         let cell_m = cell_size_m(&mut self.radii_m).unwrap_or(1.0);
