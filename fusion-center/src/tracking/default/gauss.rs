@@ -115,14 +115,17 @@ impl Gauss {
         Self { mean, cov }
     }
 
-    /// `cov(before, after)` of a step without its noise: `P Fᵀ`, row by row.
+    /// `cov(before, after)` of a step: `P Fᵀ`, the noise does not count.
     pub(super) fn cross(&self, step: &Step) -> Matrix4<f64> {
-        let mut transition = Matrix4::identity();
-        for axis in 0..2 {
-            transition[(axis, axis + 2)] = step.reach_s;
-            transition[(axis + 2, axis + 2)] = step.fade;
+        let (before, mut cross) = (self.covariance(), Matrix4::zeros());
+        for row in 0..4 {
+            for axis in 0..2 {
+                let with_velocity = before[(row, axis + 2)];
+                cross[(row, axis)] = before[(row, axis)] + step.reach_s * with_velocity;
+                cross[(row, axis + 2)] = step.fade * with_velocity;
+            }
         }
-        self.covariance() * transition.transpose()
+        cross
     }
 
     /// `(S⁻¹ as xx, xy, yy; det S)` of a plot's place.
@@ -228,6 +231,16 @@ impl Gauss {
             }
         }
         Self { mean, cov }
+    }
+
+    /// The state with this mean and covariance, of which the upper triangle counts.
+    pub(super) fn new(mean: Vector4<f64>, covariance: Matrix4<f64>) -> Self {
+        let mut cov = [0.0; 10];
+        let upper = (0..4).flat_map(|row| (row..4).map(move |column| (row, column)));
+        for (value, place) in cov.iter_mut().zip(upper) {
+            *value = covariance[place];
+        }
+        Self { mean: mean.into(), cov }
     }
 
     /// The mean as a vector.

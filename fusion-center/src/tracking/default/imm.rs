@@ -42,9 +42,12 @@ impl Steps {
 }
 
 impl Steps {
-    /// Whether it is over `dt_s`.
-    pub(super) fn is_of(&self, dt_s: f64) -> bool {
-        self.dt_s.to_bits() == dt_s.to_bits()
+    /// Over `dt_s`: `known` if it is that, which it is afterwards.
+    pub(super) fn of(dt_s: f64, ways: &[Way; 2], known: &mut Option<Self>) -> Self {
+        match known {
+            Some(steps) if steps.dt_s.to_bits() == dt_s.to_bits() => *steps,
+            _ => *known.insert(Self::new(dt_s, ways)),
+        }
     }
 }
 
@@ -85,16 +88,18 @@ impl Imm {
     /// The merged state after a step, and the covariance of the merged state before with it.
     pub(super) fn stepped_with_cross(&self, steps: &Steps) -> (Gauss, Matrix4<f64>) {
         let (first_share, into) = self.shares(steps);
-        let before = self.merged().state();
+        let start = into.map(|share| self.ways[0].mixed(&self.ways[1], share));
+        let after = [start[0].stepped(&steps.ways[0]), start[1].stepped(&steps.ways[1])];
+        let expected = after[0].mixed(&after[1], first_share);
+        let before = start[0].mixed(&start[1], first_share).state();
         let mut cross = Matrix4::zeros();
-        let mut after = [self.ways[0]; 2];
         for (way, share) in [first_share, 1.0 - first_share].into_iter().enumerate() {
-            let start = self.ways[0].mixed(&self.ways[1], into[way]);
-            after[way] = start.stepped(&steps.ways[way]);
-            let off = start.state() - before;
-            cross += (start.cross(&steps.ways[way]) + off * after[way].state().transpose()) * share;
+            let off = start[way].state() - before;
+            // Against the mean: far from the origin, digits would be lost.
+            let later = after[way].state() - expected.state();
+            cross += (start[way].cross(&steps.ways[way]) + off * later.transpose()) * share;
         }
-        (after[0].mixed(&after[1], first_share), cross)
+        (expected, cross)
     }
 
     /// How well a plot fits each way.

@@ -83,9 +83,7 @@ impl DefaultTracker {
         let fair = self.config.max_step_count / self.targets.len().max(1);
         let limit = fair.max(self.config.smoothing_looks + 1);
         for target in &mut self.targets {
-            while limit < target.trunk.len() {
-                target.trunk.pop_front();
-            }
+            target.forget(target.trunk.len().saturating_sub(limit));
         }
     }
 }

@@ -91,8 +91,9 @@ impl Tracker for DefaultTracker {
 
     fn take_settled(&mut self, into: &mut Vec<Settled>) {
         self.ended.take(&self.config, into);
+        let mut known = None;
         for target in &mut self.targets {
-            target.take_settled(&self.config, into);
+            target.take_settled(&self.config, &mut known, into);
         }
     }
 

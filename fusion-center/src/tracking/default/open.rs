@@ -51,11 +51,6 @@ impl Open {
         (tip, if is_oldest { tip } else { root })
     }
 
-    /// The report of the oldest moment of a branch.
-    pub(super) fn first_report(&self, root: u16) -> Option<ReportId> {
-        self.levels.front().and_then(|level| level.get(usize::from(root)))?.moment.report
-    }
-
     /// How many times later than that of the oldest level there are.
     pub(super) fn scan_count(&self) -> usize {
         let times = self.levels.iter().filter_map(|level| level.first());

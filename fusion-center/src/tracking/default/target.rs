@@ -5,9 +5,11 @@ use std::collections::VecDeque;
 use crate::tracking::{Settled, Status, Track};
 
 use super::branch::{Branch, Moment, Origin};
-use super::config::DefaultConfig;
+use super::config::{DefaultConfig, Way};
+use super::gauss::Gauss;
+use super::imm::Steps;
 use super::open::Open;
-use super::smooth::smoothed;
+use super::smooth::{Pass, smoothed};
 
 /// A target and its branches.
 #[derive(Clone, Debug)]
@@ -15,6 +17,8 @@ pub(super) struct Target {
     pub(super) id: u64,
     /// Looks that are decided and have not been taken by the user, oldest first.
     pub(super) trunk: VecDeque<Moment>,
+    /// Between moments of `trunk`, from the oldest on, as far as they were needed.
+    passes: VecDeque<Pass>,
     /// Looks that are not decided.
     pub(super) open: Open,
     /// Never none.
@@ -35,7 +39,7 @@ impl Target {
     pub(super) fn new(id: u64, branch: Branch) -> Self {
         let first = branch.moment(Some(branch.last_report), Origin::Anew);
         let trunk = VecDeque::from([first]);
-        Self { id, trunk, open: Open::default(), leaves: vec![branch], best: 0, cluster: None }
+        Self { id, trunk, passes: VecDeque::new(), open: Open::default(), leaves: vec![branch], best: 0, cluster: None }
     }
 
     /// The best branch.
@@ -84,18 +88,55 @@ impl Target {
     }
 
     /// Moves what is decided, and followed by enough later looks, to the end of `into`; forgets it.
-    pub(super) fn take_settled(&mut self, config: &DefaultConfig, into: &mut Vec<Settled>) {
+    /// `known` holds the step in time that was last needed.
+    pub(super) fn take_settled(
+        &mut self,
+        config: &DefaultConfig,
+        known: &mut Option<Steps>,
+        into: &mut Vec<Settled>,
+    ) {
         let later = self.open.look_count() + self.trunk.len();
         let ready = later.saturating_sub(config.smoothing_looks).min(self.trunk.len());
         if ready == 0 || self.leaf().status == Status::Tentative {
             return;
         }
-        let mut moments: Vec<Moment> = Vec::with_capacity(later);
-        moments.extend(self.open.back_from(self.leaf().tip));
-        moments.reverse();
-        moments.splice(..0, self.trunk.iter().copied());
-        settle(self.id, &moments, ready, config, into);
-        self.trunk.drain(..ready);
+        let ways = config.ways();
+        for index in self.passes.len() + 1..self.trunk.len() {
+            let pair = [&self.trunk[index - 1], &self.trunk[index]];
+            self.passes.push_back(Pass::new(pair[0], pair[1], &ways, known));
+        }
+        let mut smooth = self.smoothed_last(&ways, known);
+        let from = into.len();
+        for index in (0..self.trunk.len()).rev() {
+            if let Some(pass) = self.passes.get(index) {
+                smooth = pass.back(&smooth);
+            }
+            if index < ready {
+                into.push(settled(self.id, &self.trunk[index], &smooth));
+            }
+        }
+        into[from..].reverse();
+        self.forget(ready);
+    }
+
+    /// The smoothed state of the newest moment that is decided.
+    fn smoothed_last(&self, ways: &[Way; 2], known: &mut Option<Steps>) -> Gauss {
+        let back = self.open.back_from(self.leaf().tip).chain(self.trunk.back());
+        let mut later: Option<(&Moment, Gauss)> = None;
+        for moment in back {
+            let smooth = match &later {
+                Some((next, smooth)) => Pass::new(moment, next, ways, known).back(smooth),
+                None => moment.imm.merged(),
+            };
+            later = Some((moment, smooth));
+        }
+        later.map_or_else(|| self.leaf().imm.merged(), |(_, smooth)| smooth)
+    }
+
+    /// Forgets the oldest `count` moments of those that are decided.
+    pub(super) fn forget(&mut self, count: usize) {
+        self.trunk.drain(..count.min(self.trunk.len()));
+        self.passes.drain(..count.min(self.passes.len()));
     }
 
     /// All that is remembered of it, decided for the best branch.
@@ -105,28 +146,18 @@ impl Target {
     }
 }
 
-/// The first `count` of `moments`, smoothed by all, to the end of `into`.
-pub(super) fn settle(
-    track: u64,
-    moments: &[Moment],
-    count: usize,
-    config: &DefaultConfig,
-    into: &mut Vec<Settled>,
-) {
-    let smooth = smoothed(moments, config);
-    for (moment, better) in moments.iter().zip(smooth).take(count) {
-        let state = moment.imm.merged();
-        into.push(Settled {
-            track,
-            status: moment.status,
-            time_s: moment.time_s,
-            state: state.state(),
-            covariance: state.covariance(),
-            smoothed_state: better.0,
-            smoothed_covariance: better.1,
-            report: moment.report,
-            share: moment.share,
-        });
+fn settled(track: u64, moment: &Moment, smooth: &Gauss) -> Settled {
+    let state = moment.imm.merged();
+    Settled {
+        track,
+        status: moment.status,
+        time_s: moment.time_s,
+        state: state.state(),
+        covariance: state.covariance(),
+        smoothed_state: smooth.state(),
+        smoothed_covariance: smooth.covariance(),
+        report: moment.report,
+        share: moment.share,
     }
 }
 
@@ -155,7 +186,9 @@ impl Ended {
     /// Moves all to the end of `into`, smoothed.
     pub(super) fn take(&mut self, config: &DefaultConfig, into: &mut Vec<Settled>) {
         for (id, moments) in self.tracks.drain(..) {
-            settle(id, &moments, moments.len(), config, into);
+            let smooth = smoothed(&moments, &config.ways());
+            let steps = moments.iter().zip(&smooth);
+            into.extend(steps.map(|(moment, smooth)| settled(id, moment, smooth)));
         }
         self.count = 0;
     }

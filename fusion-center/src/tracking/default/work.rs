@@ -103,9 +103,7 @@ impl Work {
             let first_row = short(self.rows.len());
             for (leaf, branch) in target.leaves.iter().enumerate() {
                 let dt_s = look.time_s - branch.time_s;
-                let known = self.steps.filter(|steps| steps.is_of(dt_s));
-                let steps = known.unwrap_or_else(|| Steps::new(dt_s, &ways));
-                self.steps = Some(steps);
+                let steps = Steps::of(dt_s, &ways, &mut self.steps);
                 let mut row = Row::new(branch, &steps, look, config);
                 (row.target, row.leaf) = (short(index), short(leaf));
                 self.rows.push(row);

@@ -197,7 +197,8 @@ fn smoothing_is_least_squares_over_everything() {
         moments.push(Moment { time_s, imm, status, report, share, fresh: false });
     }
     let (states, covariance) = least_squares(&plots);
-    for (index, (state, cov)) in smoothed(&moments, &config).into_iter().enumerate() {
+    for (index, smooth) in smoothed(&moments, &config.ways()).into_iter().enumerate() {
+        let (state, cov) = (smooth.state(), smooth.covariance());
         let expected = Vector4::from_iterator(states.rows(4 * index, 4).iter().copied());
         assert!((state - expected).norm() < 1e3 * TOLERANCE * expected.norm(), "{index}");
         let block = covariance.fixed_view::<4, 4>(4 * index, 4 * index).into_owned();

@@ -163,19 +163,28 @@ fn study_one_road_load() {
 #[test]
 #[ignore = "minutes: settings on roads"]
 fn study_roads() {
-    let base = DefaultConfig::wide_area();
     type Change = fn(&mut DefaultConfig);
-    let changes: [(&str, Change); 4] = [
+    let changes: [(&str, Change); 9] = [
         ("base", |_| ()),
         ("gnn", |c| (c.lag_scans, c.max_hypothesis_count) = (0, 1)),
-        ("lively 25", |c| c.lively.push_m2_per_s3 = 25.0),
-        ("sojourn 300", |c| c.steady.sojourn_s = 300.0),
+        ("hypotheses 30", |c| c.max_hypothesis_count = 30),
+        ("hypotheses 20", |c| c.max_hypothesis_count = 20),
+        ("hypotheses 10", |c| c.max_hypothesis_count = 10),
+        ("keep 7, 30", |c| (c.keep_nats, c.max_hypothesis_count) = (7.0, 30)),
+        ("ambiguous 4, 30", |c| (c.ambiguous_nats, c.max_hypothesis_count) = (4.0, 30)),
+        ("lag 4, 30", |c| (c.lag_scans, c.max_hypothesis_count) = (4, 30)),
+        ("cluster 6, 30", |c| (c.max_cluster_count, c.max_hypothesis_count) = (6, 30)),
     ];
-    for (kind, scene) in [("uniform", uniform(3000, 11)), ("roads", roads(1000, 11))] {
-        for (name, change) in changes {
-            let mut config = base.clone();
-            change(&mut config);
-            println!("{kind} {name}: {:.2?}", timed(&scene, &config));
+    let scene = roads(1000, 11);
+    for (name, change) in changes {
+        let mut config = DefaultConfig::wide_area();
+        change(&mut config);
+        let (links, tracks, median, least, _) = timed(&scene, &config);
+        println!("{name}: roads {links:.2} {tracks} median {median:.2} least {least:.2}");
+        for turn in [0.0, 90.0_f64] {
+            let sum = super::four::runs(&config, (400.0, turn.to_radians()), 1000..1200);
+            let [links, own] = [sum.link_rate(), sum.identity_rate()].map(|share| 100.0 * share);
+            println!("    four, turned {turn}: {links:.2} {own:.2} {:.2} m", sum.rmse_m());
         }
     }
 }
