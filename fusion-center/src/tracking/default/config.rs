@@ -152,7 +152,7 @@ impl DefaultConfig {
             stopped_s: 300.0,
             ambiguous_nats: 6.0,
             keep_nats: 10.0,
-            max_hypothesis_count: 100,
+            max_hypothesis_count: 30,
             max_cluster_count: 10,
             lag_scans: 6,
             smoothing_looks: 8,

@@ -9,7 +9,7 @@ use crate::tracking::{Look, Status};
 use super::DefaultTracker;
 use super::branch::Branch;
 use super::config::DefaultConfig;
-use super::expand::{Choice, Limits, Way, best_ways};
+use super::expand::{Choice, Limits, Way, Ways, best_ways};
 use super::hypotheses::Hypotheses;
 use super::row::Row;
 use super::settle::{settle, split};
@@ -45,13 +45,13 @@ impl DefaultTracker {
         let margin = self.config.ambiguous_nats;
         self.work.contest(0..self.work.touched.len(), margin);
         self.join_clusters();
-        let mut groups = self.take_clear(look, 0..self.work.touched.len());
+        let groups = self.take_clear(look, 0..self.work.touched.len());
         let mut large = Vec::new();
-        for group in groups.drain(..) {
+        for group in groups.chunk_by(|a, b| a.0 == b.0) {
             if self.config.max_cluster_count < group.len() {
-                large.extend(group);
+                large.extend(group.iter().map(|(_, target)| *target));
             } else {
-                self.take_group(&group, look);
+                self.take_group(group, look);
             }
         }
         if !large.is_empty() {
@@ -69,8 +69,8 @@ impl DefaultTracker {
         }
     }
 
-    /// Takes in what is clear; the rest in groups, each ascending.
-    fn take_clear(&mut self, look: &Look<'_>, places: std::ops::Range<usize>) -> Vec<Vec<u32>> {
+    /// Takes in what is clear; the rest as `(group, target)`, ascending.
+    fn take_clear(&mut self, look: &Look<'_>, places: std::ops::Range<usize>) -> Vec<(u32, u32)> {
         let mut in_groups: Vec<(u32, u32)> = Vec::new();
         self.sizes.clear();
         self.sizes.resize(self.targets.len(), 0);
@@ -92,8 +92,7 @@ impl DefaultTracker {
             }
         }
         in_groups.sort_unstable();
-        let same = in_groups.chunk_by(|a, b| a.0 == b.0);
-        same.map(|group| group.iter().map(|(_, target)| *target).collect()).collect()
+        in_groups
     }
 
     /// A target with one branch takes its plot of the best assignment.
@@ -111,96 +110,112 @@ impl DefaultTracker {
         }
     }
 
-    /// Follows the hypotheses of a group.
-    fn take_group(&mut self, group: &[u32], look: &Look<'_>) {
-        let limit = self.config.max_hypothesis_count;
-        let mut joint = Hypotheses::default();
-        joint.costs.push(0.0);
-        for target in group {
+    /// Follows the hypotheses of a group, given as `(group, target)`.
+    fn take_group(&mut self, group: &[(u32, u32)], look: &Look<'_>) {
+        let is_single = |target: u32| self.targets[target as usize].cluster.is_none();
+        let is_new = group.iter().all(|(_, target)| is_single(*target));
+        let (joint, margin) = if is_new {
+            let members = group.iter().map(|(_, target)| *target).collect();
+            (Hypotheses::of_singles(members), self.config.ambiguous_nats)
+        } else {
+            (self.joined(group), self.config.keep_nats)
+        };
+        let ways = self.ways_on(&joint, margin);
+        match ways.ways.as_slice() {
+            [only] if is_new => self.take_only(&joint, ways.tags_of(only), look),
+            _ => self.take_ways(&joint, &ways, look),
+        }
+    }
+
+    /// Joint hypotheses of a group.
+    fn joined(&mut self, group: &[(u32, u32)]) -> Hypotheses {
+        let mut joint = Hypotheses::of_singles(Vec::new());
+        for (_, target) in group {
             let part = match self.targets[*target as usize].cluster {
-                None => Hypotheses::single(*target),
+                None => Hypotheses::of_singles(vec![*target]),
                 Some(index) => std::mem::take(&mut self.clusters[index as usize]),
             };
             // A cluster is taken with the first of its members.
             if !part.members.is_empty() {
-                joint = joint.product(&part, limit);
+                joint = joint.product(&part, self.config.max_hypothesis_count);
             }
         }
         for target in &joint.members {
             self.targets[*target as usize].cluster = None;
         }
-        let is_new = group.iter().all(|target| self.targets[*target as usize].leaves.len() == 1);
-        let margin = if is_new { self.config.ambiguous_nats } else { self.config.keep_nats };
-        let ways = self.ways_on(&joint, margin);
-        match ways.as_slice() {
-            [only] if is_new => self.take_only(&joint, only, look),
-            _ => self.take_ways(&joint, &ways, look),
-        }
+        joint
     }
 
     /// A group of targets with one branch each takes the only way on.
-    fn take_only(&mut self, joint: &Hypotheses, way: &Way, look: &Look<'_>) {
-        for (member, tag) in joint.members.iter().zip(&way.tags) {
+    fn take_only(&mut self, joint: &Hypotheses, tags: &[u32], look: &Look<'_>) {
+        for (member, tag) in joint.members.iter().zip(tags) {
             let place = self.work.place_of[*member as usize];
             let Some(touched) = self.work.touched.get(place as usize) else { continue };
             let row = &self.work.rows[touched.first_row as usize];
             let target = &mut self.targets[*member as usize];
             let moment = apply(&mut target.leaves[0], (row, *tag), &self.work, look, &self.config);
             target.trunk.push_back(moment);
+            if let Some(edge) = self.work.edges.get(*tag as usize) {
+                self.work.used[edge.plot as usize] = true;
+            }
         }
-        self.mark_used(std::slice::from_ref(way), &[1.0]);
     }
 
     /// How the hypotheses of a group may go on.
-    fn ways_on(&self, joint: &Hypotheses, margin: f64) -> Vec<Way> {
-        let options: Vec<Vec<Vec<Choice>>> = joint
-            .members
-            .iter()
-            .map(|target| {
-                let count = self.targets[*target as usize].leaves.len();
-                (0..count).map(|leaf| self.options(*target, leaf)).collect()
-            })
-            .collect();
+    fn ways_on(&self, joint: &Hypotheses, margin: f64) -> Ways {
+        let mut choices: Vec<Choice> = Vec::new();
+        // Where the choices of each branch of each member end.
+        let mut ends: Vec<usize> = vec![0];
+        let mut first_of: Vec<usize> = Vec::with_capacity(joint.members.len());
+        for target in &joint.members {
+            first_of.push(ends.len() - 1);
+            for leaf in 0..self.targets[*target as usize].leaves.len() {
+                self.add_options((*target, leaf), &mut choices);
+                ends.push(choices.len());
+            }
+        }
         let limits = Limits { count: self.config.max_hypothesis_count, margin, visits: MAX_VISITS };
         best_ways(&joint.costs, joint.members.len(), limits, |hypothesis, member| {
-            &options[member][usize::from(joint.leaves_of(hypothesis)[member])]
+            let at = first_of[member] + usize::from(joint.leaves_of(hypothesis)[member]);
+            &choices[ends[at]..ends[at + 1]]
         })
     }
 
-    /// What a branch may do, ascending in cost.
-    fn options(&self, target: u32, leaf: usize) -> Vec<Choice> {
+    /// What a branch of a target may do, ascending in cost, to the end of `into`.
+    fn add_options(&self, (target, leaf): (u32, usize), into: &mut Vec<Choice>) {
+        let from = into.len();
         let place = self.work.place_of[target as usize];
         let Some(touched) = self.work.touched.get(place as usize) else {
-            return vec![Choice { cost: 0.0, plot: None, tag: STAY }];
+            into.push(Choice { cost: 0.0, plot: None, tag: STAY });
+            return;
         };
         let row = &self.work.rows_of(touched)[leaf];
-        let mut options = vec![Choice { cost: row.miss_cost, plot: None, tag: MISS }];
+        into.push(Choice { cost: row.miss_cost, plot: None, tag: MISS });
         for (edge, tag) in self.work.edges_of(row).iter().zip(row.first_edge..) {
             if !self.work.used[edge.plot as usize] {
-                options.push(Choice { cost: edge.cost, plot: Some(edge.plot), tag });
+                into.push(Choice { cost: edge.cost, plot: Some(edge.plot), tag });
             }
         }
-        options.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        options
+        into[from..].sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
 
     /// Makes the branches of the ways that are kept, and decides what is ripe.
-    fn take_ways(&mut self, joint: &Hypotheses, ways: &[Way], look: &Look<'_>) {
-        let width = joint.members.len();
+    fn take_ways(&mut self, joint: &Hypotheses, found: &Ways, look: &Look<'_>) {
+        let (width, ways) = (joint.members.len(), &found.ways);
         let mut next = Hypotheses {
             members: joint.members.clone(),
             costs: ways.iter().map(|way| way.cost).collect(),
             leaves: vec![0; width * ways.len()],
         };
         for member in 0..width {
-            let key = |way: &Way| (joint.leaves_of(way.hypothesis)[member], way.tags[member]);
+            let key = |way: &Way| (joint.leaves_of(way.hypothesis)[member], found.tags_of(way)[member]);
             let mut made: Vec<(u16, u32)> = Vec::new();
             for (index, way) in ways.iter().enumerate() {
                 next.leaves[index * width + member] = place_in(&mut made, key(way));
             }
             self.branch(joint.members[member], &made, look);
         }
-        self.mark_used(ways, &next.shares());
+        self.mark_used(found, &next.shares());
         settle(&mut self.targets, &mut next, self.config.lag_scans);
         for part in split(&self.targets, next) {
             self.clusters.push(part);
@@ -228,10 +243,10 @@ impl DefaultTracker {
     }
 
     /// Marks the plots that are probably taken.
-    fn mark_used(&mut self, ways: &[Way], shares: &[f64]) {
+    fn mark_used(&mut self, found: &Ways, shares: &[f64]) {
         let mut sums: Vec<(u32, f64)> = Vec::new();
-        for (way, share) in ways.iter().zip(shares) {
-            let edges = way.tags.iter().filter_map(|tag| self.work.edges.get(*tag as usize));
+        for (way, share) in found.ways.iter().zip(shares) {
+            let edges = found.tags_of(way).iter().filter_map(|tag| self.work.edges.get(*tag as usize));
             sums.extend(edges.map(|edge| (edge.plot, *share)));
         }
         sums.sort_by_key(|(plot, _)| *plot);
@@ -263,13 +278,14 @@ impl DefaultTracker {
         }
         let places = from..self.work.touched.len();
         self.work.contest(places.clone(), self.config.ambiguous_nats);
-        for group in self.take_clear(look, places) {
+        let groups = self.take_clear(look, places);
+        for group in groups.chunk_by(|a, b| a.0 == b.0) {
             if group.len() <= self.config.max_cluster_count {
-                self.take_group(&group, look);
+                self.take_group(group, look);
                 continue;
             }
-            for target in group {
-                self.take_own(self.work.place_of[target as usize] as usize, look);
+            for (_, target) in group {
+                self.take_own(self.work.place_of[*target as usize] as usize, look);
             }
         }
     }

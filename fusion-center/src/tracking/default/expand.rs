@@ -25,12 +25,28 @@ pub(super) struct Limits {
 }
 
 /// How a hypothesis goes on.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Way {
     pub(super) cost: f64,
     pub(super) hypothesis: usize,
+    /// Where its tags begin.
+    from: usize,
+}
+
+/// Ways on, ascending in cost.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Ways {
+    pub(super) ways: Vec<Way>,
+    /// The tag of each member's choice, way after way, in no particular order of ways.
+    tags: Vec<u32>,
+    member_count: usize,
+}
+
+impl Ways {
     /// The tag of each member's choice.
-    pub(super) tags: Vec<u32>,
+    pub(super) fn tags_of(&self, way: &Way) -> &[u32] {
+        &self.tags[way.from..way.from + self.member_count]
+    }
 }
 
 /// The search, and the best ways so far.
@@ -45,7 +61,7 @@ struct Search<'a> {
     plots: Vec<u32>,
     best: f64,
     bound: f64,
-    found: Vec<Way>,
+    found: Ways,
 }
 
 /// The best ways on, ascending in cost. `costs` are those of the hypotheses; `options(hypothesis,
@@ -55,7 +71,7 @@ pub(super) fn best_ways<'a>(
     member_count: usize,
     limits: Limits,
     options: impl Fn(usize, usize) -> &'a [Choice],
-) -> Vec<Way> {
+) -> Ways {
     let mut order: Vec<usize> = (0..costs.len()).collect();
     order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]).then(a.cmp(b)));
     let mut search = Search {
@@ -67,12 +83,14 @@ pub(super) fn best_ways<'a>(
         plots: Vec::new(),
         best: f64::INFINITY,
         bound: f64::INFINITY,
-        found: Vec::new(),
+        found: Ways { member_count, ..Ways::default() },
     };
     for hypothesis in order {
         search.hypothesis = hypothesis;
-        search.options = (0..member_count).map(|member| options(hypothesis, member)).collect();
-        search.rest = vec![0.0; member_count + 1];
+        search.options.clear();
+        search.options.extend((0..member_count).map(|member| options(hypothesis, member)));
+        search.rest.clear();
+        search.rest.resize(member_count + 1, 0.0);
         for member in (0..member_count).rev() {
             search.rest[member] = search.rest[member + 1] + search.options[member][0].cost;
         }
@@ -112,10 +130,12 @@ impl Search<'_> {
     }
 
     fn take(&mut self, cost: f64) {
-        self.found.push(Way { cost, hypothesis: self.hypothesis, tags: self.tags.clone() });
+        let (hypothesis, from) = (self.hypothesis, self.found.tags.len());
+        self.found.ways.push(Way { cost, hypothesis, from });
+        self.found.tags.extend_from_slice(&self.tags);
         self.best = self.best.min(cost);
         self.bound = self.bound.min(self.best + self.limits.margin);
-        if 2 * self.limits.count <= self.found.len() {
+        if 2 * self.limits.count <= self.found.ways.len() {
             self.trim();
         }
     }
@@ -123,10 +143,11 @@ impl Search<'_> {
     /// Keeps the best.
     fn trim(&mut self) {
         let bound = self.best + self.limits.margin;
-        self.found.retain(|way| way.cost <= bound);
-        self.found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        self.found.truncate(self.limits.count);
-        if let Some(last) = self.found.last().filter(|_| self.found.len() == self.limits.count) {
+        let found = &mut self.found.ways;
+        found.retain(|way| way.cost <= bound);
+        found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        found.truncate(self.limits.count);
+        if let Some(last) = found.last().filter(|_| found.len() == self.limits.count) {
             self.bound = self.bound.min(last.cost);
         }
     }
@@ -190,8 +211,8 @@ mod tests {
             let mut expected = all(&costs, &options);
             expected.retain(|cost| *cost <= expected_best(&costs, &options) + 5.0);
             expected.truncate(20);
-            assert_eq!(ways.len(), expected.len());
-            for (way, cost) in ways.iter().zip(expected) {
+            assert_eq!(ways.ways.len(), expected.len());
+            for (way, cost) in ways.ways.iter().zip(expected) {
                 assert!((way.cost - cost).abs() < TOLERANCE);
             }
         }
@@ -206,6 +227,6 @@ mod tests {
         let (costs, options) = random(3);
         let limits = Limits { count: 20, margin: 5.0, visits: 1 };
         let ways = best_ways(&costs, 4, limits, |hypothesis, member| &options[hypothesis][member]);
-        assert!(!ways.is_empty());
+        assert!(!ways.ways.is_empty());
     }
 }

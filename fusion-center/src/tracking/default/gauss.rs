@@ -138,6 +138,13 @@ impl Gauss {
         ([syy * over, -sxy * over, sxx * over], det)
     }
 
+    /// Mahalanobis distance squared of a plot's place.
+    pub(super) fn place_distance2(&self, plot: &Plot) -> f64 {
+        let (inverse, _) = self.place_spread(plot);
+        let (dx, dy) = (plot.position_m.x - self.mean[0], plot.position_m.y - self.mean[1]);
+        dx * (inverse[0] * dx + 2.0 * inverse[1] * dy) + inverse[2] * dy * dy
+    }
+
     /// How well a plot fits.
     pub(super) fn fit(&self, plot: &Plot) -> Fit {
         let (inverse, det) = self.place_spread(plot);

@@ -15,9 +15,10 @@ pub(super) struct Hypotheses {
 }
 
 impl Hypotheses {
-    /// A target with one branch.
-    pub(super) fn single(target: u32) -> Self {
-        Self { members: vec![target], costs: vec![0.0], leaves: vec![0] }
+    /// Targets with one branch each.
+    pub(super) fn of_singles(members: Vec<u32>) -> Self {
+        let leaves = vec![0; members.len()];
+        Self { members, costs: vec![0.0], leaves }
     }
 
     /// How many there are.

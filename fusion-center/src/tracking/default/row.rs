@@ -135,6 +135,11 @@ impl Row {
         let passes = |fit: &super::gauss::Fit| {
             fit.place_distance2 <= gate && fit.distance2 - fit.place_distance2 <= gate
         };
+        let near = |way: &Gauss| way.place_distance2(plot) <= gate;
+        // Most plots end here, before there is a logarithm.
+        if self.moved_on_share <= 0.0 && !self.expected.ways.iter().any(near) {
+            return None;
+        }
         let fits = self.expected.fits(plot);
         let (moving_density, first_share) = self.expected.weighed(&fits);
         let moving = fits.iter().any(passes).then_some(moving_density);
@@ -148,12 +153,12 @@ impl Row {
             (None, Some(value)) => (value, true),
             (Some(a), Some(b)) => (a.max(b) + (-(a - b).abs()).exp().ln_1p(), a < b),
         };
-        let span = plot.radial.map_or(0.0, |radial| {
+        let span = plot.radial.map_or(1.0, |radial| {
             let most = config.clutter_radial_span_m_per_s;
-            radial.wrap_m_per_s.map_or(most, |period| period.min(most)).ln()
+            radial.wrap_m_per_s.map_or(most, |period| period.min(most))
         });
-        let strength = branch.strength.log_ratio(plot.strength_db, config);
-        let cost = self.bias - self.log_ratio - log_density - span - strength;
+        let features = branch.strength.log_ratio(plot.strength_db, span, config);
+        let cost = self.bias - self.log_ratio - log_density - features;
         let edge = Edge { plot: index, cost, moved_on, first_share };
         (cost <= self.miss_cost + config.keep_nats).then_some(edge)
     }
