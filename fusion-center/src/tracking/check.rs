@@ -10,6 +10,9 @@ use super::{Area, Coverage, Look, LookError, Plot};
 /// digits: correlations beyond 0.9999995 are not measured.
 const MIN_DETERMINANT_SHARE: f64 = 1e-6;
 
+/// A covariance is symmetric up to rounding: to this share of its trace.
+const MAX_SKEW_SHARE: f64 = 1e-6;
+
 impl Area {
     /// Whether it holds `place_m`.
     #[must_use]
@@ -75,6 +78,9 @@ impl Look<'_> {
         let (x_m2, y_m2) = (covariance[(0, 0)], covariance[(1, 1)]);
         self.within("variance of a plot", x_m2, f64::MIN_POSITIVE..)?;
         self.within("variance of a plot", y_m2, f64::MIN_POSITIVE..)?;
+        let skew_m2 = (covariance[(0, 1)] - covariance[(1, 0)]).abs();
+        let most_m2 = MAX_SKEW_SHARE * (x_m2 + y_m2);
+        self.within("skew of a plot's covariance", skew_m2, ..=most_m2)?;
         let least_m4 = MIN_DETERMINANT_SHARE * x_m2 * y_m2;
         let determinant_m4 = covariance.determinant();
         self.within("determinant of a plot's covariance", determinant_m4, least_m4..)?;

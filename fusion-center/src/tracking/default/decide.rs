@@ -208,7 +208,8 @@ impl DefaultTracker {
             leaves: vec![0; width * ways.len()],
         };
         for member in 0..width {
-            let key = |way: &Way| (joint.leaves_of(way.hypothesis)[member], found.tags_of(way)[member]);
+            let key =
+                |way: &Way| (joint.leaves_of(way.hypothesis)[member], found.tags_of(way)[member]);
             let mut made: Vec<(u16, u32)> = Vec::new();
             for (index, way) in ways.iter().enumerate() {
                 next.leaves[index * width + member] = place_in(&mut made, key(way));
@@ -246,7 +247,8 @@ impl DefaultTracker {
     fn mark_used(&mut self, found: &Ways, shares: &[f64]) {
         let mut sums: Vec<(u32, f64)> = Vec::new();
         for (way, share) in found.ways.iter().zip(shares) {
-            let edges = found.tags_of(way).iter().filter_map(|tag| self.work.edges.get(*tag as usize));
+            let edges =
+                found.tags_of(way).iter().filter_map(|tag| self.work.edges.get(*tag as usize));
             sums.extend(edges.map(|edge| (edge.plot, *share)));
         }
         sums.sort_by_key(|(plot, _)| *plot);

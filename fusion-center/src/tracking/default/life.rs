@@ -1,6 +1,6 @@
-//! Beginnings and ends of tracks, and what a look must be to be taken.
+//! Beginnings and ends of tracks, and what is shown and remembered of them.
 
-use crate::tracking::{Area, Look, LookError, Plot, Radial};
+use crate::tracking::Look;
 
 use super::DefaultTracker;
 use super::branch::Branch;
@@ -86,92 +86,4 @@ impl DefaultTracker {
             target.forget(target.trunk.len().saturating_sub(limit));
         }
     }
-}
-
-/// Whether a look makes sense, and does not come too late.
-pub(super) fn check(look: &Look<'_>, now_s: Option<f64>) -> Result<(), LookError> {
-    let refuse = |what, value: String| {
-        let (sensor_index, look_index) = (look.sensor_index, look.look_index);
-        Err(LookError::Unusable { sensor_index, look_index, what, value })
-    };
-    if !look.time_s.is_finite() {
-        return refuse("time_s", look.time_s.to_string());
-    }
-    if let Some((what, value)) = unusable_numbers(look) {
-        return refuse(what, value.to_string());
-    }
-    for plot in look.plots {
-        if let Some(what) = unusable(plot) {
-            return refuse(what, format!("{plot:?}"));
-        }
-    }
-    match now_s.filter(|now_s| look.time_s < *now_s) {
-        None => Ok(()),
-        Some(previous_s) => Err(LookError::TooLate {
-            sensor_index: look.sensor_index,
-            look_index: look.look_index,
-            time_s: look.time_s,
-            previous_s,
-        }),
-    }
-}
-
-/// The first number of a look's own that is of no use.
-fn unusable_numbers(look: &Look<'_>) -> Option<(&'static str, f64)> {
-    let coverage = &look.coverage;
-    let detection = coverage.detection_probability;
-    let slowest = coverage.minimum_detectable_m_per_s.unwrap_or(0.0);
-    let positive = |value: f64| value.is_finite() && 0.0 <= value;
-    if !(0.0..=1.0).contains(&detection) {
-        return Some(("detection_probability", detection));
-    }
-    if !positive(slowest) {
-        return Some(("minimum_detectable_m_per_s", slowest));
-    }
-    if !positive(look.clutter_per_m2) {
-        return Some(("clutter_per_m2", look.clutter_per_m2));
-    }
-    if let Some(platform) = &look.platform {
-        let numbers = platform.position_m.iter().chain(&platform.velocity_m_per_s);
-        if let Some(value) = numbers.copied().find(|value| !value.is_finite()) {
-            return Some(("platform", value));
-        }
-    }
-    let Area::Sector { origin_m, direction_rad, half_width_rad, min_range_m, max_range_m } =
-        coverage.area
-    else {
-        return None;
-    };
-    let numbers = [origin_m.x, origin_m.y, direction_rad];
-    let lengths = [half_width_rad, min_range_m, max_range_m - min_range_m];
-    let wild = numbers.into_iter().find(|value| !value.is_finite());
-    wild.or_else(|| lengths.into_iter().find(|value| !positive(*value)))
-        .map(|value| ("coverage.area", value))
-}
-
-/// What of a plot is of no use.
-fn unusable(plot: &Plot) -> Option<&'static str> {
-    let r = &plot.covariance_m2;
-    let determinant = r[(0, 0)] * r[(1, 1)] - r[(0, 1)] * r[(0, 1)];
-    let is_covariance = r.iter().all(|value| value.is_finite())
-        && (r[(0, 1)] - r[(1, 0)]).abs() <= 1e-6 * (r[(0, 0)] + r[(1, 1)])
-        && 0.0 < r[(0, 0)]
-        && 0.0 < determinant;
-    let usable_radial = |radial: &Radial| {
-        radial.velocity_m_per_s.is_finite()
-            && radial.direction.iter().all(|value| value.is_finite())
-            && radial.sigma_m_per_s.is_finite()
-            && 0.0 < radial.sigma_m_per_s
-            && radial.wrap_m_per_s.is_none_or(|period| period.is_finite() && 0.0 < period)
-    };
-    if !plot.position_m.iter().all(|value| value.is_finite()) {
-        return Some("position_m of a plot");
-    }
-    if !is_covariance {
-        return Some("covariance_m2 of a plot");
-    }
-    if plot.radial.as_ref().is_some_and(|radial| !usable_radial(radial)) {
-        return Some("radial of a plot");
-    }
-    plot.strength_db.is_some_and(|value| !value.is_finite()).then_some("strength_db of a plot")
 }

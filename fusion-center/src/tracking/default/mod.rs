@@ -74,7 +74,7 @@ impl DefaultTracker {
 
 impl Tracker for DefaultTracker {
     fn look(&mut self, look: &Look<'_>) -> Result<(), LookError> {
-        life::check(look, self.now_s)?;
+        look.check(self.now_s)?;
         self.now_s = Some(look.time_s);
         self.work.expect(&self.targets, look, &self.config);
         self.decide(look);

@@ -105,12 +105,7 @@ impl Row {
     }
 
     /// Where plots pass the gate whose variance is at most `variance_m2` in any direction.
-    pub(super) fn reach(
-        &self,
-        branch: &Branch,
-        variance_m2: f64,
-        config: &DefaultConfig,
-    ) -> Reach {
+    pub(super) fn reach(&self, branch: &Branch, variance_m2: f64, config: &DefaultConfig) -> Reach {
         let [first, second] = &self.expected.ways;
         let middle_m = [0, 1].map(|axis| 0.5 * (first.mean[axis] + second.mean[axis]));
         let radius = |state: &Gauss| {

@@ -24,12 +24,7 @@ pub(super) fn settle(targets: &mut [Target], joint: &mut Hypotheses, lag_scans: 
 
 /// What a target's oldest open moment is decided to be, by its place, and how probable that is; none
 /// if it waits.
-fn ripe(
-    target: &Target,
-    joint: &Hypotheses,
-    place: usize,
-    lag_scans: usize,
-) -> Option<(u16, f64)> {
+fn ripe(target: &Target, joint: &Hypotheses, place: usize, lag_scans: usize) -> Option<(u16, f64)> {
     if target.open.is_empty() {
         return None;
     }
@@ -93,10 +88,13 @@ pub(super) fn split(targets: &[Target], joint: Hypotheses) -> Vec<Hypotheses> {
             merge(&mut part_of, same[0].1, *place);
         }
     }
-    let mut parts: Vec<(usize, usize)> = open.iter().map(|place| (part_of[*place], *place)).collect();
+    let mut parts: Vec<(usize, usize)> =
+        open.iter().map(|place| (part_of[*place], *place)).collect();
     parts.sort_unstable();
     let parts = parts.chunk_by(|a, b| a.0 == b.0);
-    parts.map(|part| joint.about(&part.iter().map(|(_, place)| *place).collect::<Vec<_>>())).collect()
+    parts
+        .map(|part| joint.about(&part.iter().map(|(_, place)| *place).collect::<Vec<_>>()))
+        .collect()
 }
 
 /// Joins the parts of two places.

@@ -39,7 +39,15 @@ impl Target {
     pub(super) fn new(id: u64, branch: Branch) -> Self {
         let first = branch.moment(Some(branch.last_report), Origin::Anew);
         let trunk = VecDeque::from([first]);
-        Self { id, trunk, passes: VecDeque::new(), open: Open::default(), leaves: vec![branch], best: 0, cluster: None }
+        Self {
+            id,
+            trunk,
+            passes: VecDeque::new(),
+            open: Open::default(),
+            leaves: vec![branch],
+            best: 0,
+            cluster: None,
+        }
     }
 
     /// The best branch.
@@ -188,7 +196,7 @@ impl Ended {
         for (id, moments) in self.tracks.drain(..) {
             let smooth = smoothed(&moments, &config.ways());
             let steps = moments.iter().zip(&smooth);
-            into.extend(steps.map(|(moment, smooth)| settled(id, moment, smooth)));
+            into.extend(steps.map(|(moment, better)| settled(id, moment, better)));
         }
         self.count = 0;
     }

@@ -183,8 +183,8 @@ fn study_roads() {
         println!("{name}: roads {links:.2} {tracks} median {median:.2} least {least:.2}");
         for turn in [0.0, 90.0_f64] {
             let sum = super::four::runs(&config, (400.0, turn.to_radians()), 1000..1200);
-            let [links, own] = [sum.link_rate(), sum.identity_rate()].map(|share| 100.0 * share);
-            println!("    four, turned {turn}: {links:.2} {own:.2} {:.2} m", sum.rmse_m());
+            let [right, own] = [sum.link_rate(), sum.identity_rate()].map(|share| 100.0 * share);
+            println!("    four, turned {turn}: {right:.2} {own:.2} {:.2} m", sum.rmse_m());
         }
     }
 }

@@ -6,5 +6,6 @@ mod life;
 mod load_tests;
 mod scenes;
 mod score;
+mod stop;
 mod ten_tests;
 mod turning;
