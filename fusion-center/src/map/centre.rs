@@ -118,7 +118,7 @@ impl MapCentre {
     pub fn finish(&mut self, now: CentreTime) -> Vec<MapEffect> {
         let rest = self.order.finish();
         self.follow(rest);
-        (self.published, self.shown) = (None, None);
+        (self.published, self.shown, self.is_news) = (None, None, [true; 2]);
         self.tell(now)
     }
 

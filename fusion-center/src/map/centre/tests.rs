@@ -86,7 +86,8 @@ fn published(effects: &[MapEffect]) -> Vec<MapTracks> {
 
 #[test]
 fn two_sensors_in_turn_make_one_track_on_the_map() {
-    let mut centre = centre(MapConfig::default());
+    // The second sensor is first heard after two and a half seconds: others are waited for as long.
+    let mut centre = centre(MapConfig { max_wait_s: 3.0, ..MapConfig::default() });
     let mut told = Vec::new();
     for scan in 0..20_u64 {
         let time_s = 2.0 * scan as f64;
