@@ -11,6 +11,9 @@ use super::imm::Steps;
 use super::open::Open;
 use super::smooth::{Pass, smoothed};
 
+/// A track that no target is behind has no more moments, as a rule.
+const BEGINNING: usize = 4;
+
 /// A target and its branches.
 #[derive(Clone, Debug)]
 pub(super) struct Target {
@@ -38,7 +41,8 @@ impl Target {
     /// One that begins with a branch.
     pub(super) fn new(id: u64, branch: Branch) -> Self {
         let first = branch.moment(Some(branch.last_report), Origin::Anew);
-        let trunk = VecDeque::from([first]);
+        let mut trunk = VecDeque::with_capacity(BEGINNING);
+        trunk.push_back(first);
         Self {
             id,
             trunk,

@@ -4,7 +4,7 @@
 
 use crate::tracking::assign::{AssignError, Edges, Solver};
 use crate::tracking::gate::{Grid, cell_size_m};
-use crate::tracking::{Area, Look};
+use crate::tracking::{Area, Look, Plot};
 
 use super::config::DefaultConfig;
 use super::coverage::may_be_inside;
@@ -68,6 +68,13 @@ pub(super) fn short(index: usize) -> u32 {
     u32::try_from(index).unwrap_or(NONE)
 }
 
+/// Variance of a plot's place in the direction in which it is largest, m².
+fn widest_m2(plot: &Plot) -> f64 {
+    let r = &plot.covariance_m2;
+    let [half, mean] = [0.5 * (r[(0, 0)] - r[(1, 1)]), 0.5 * (r[(0, 0)] + r[(1, 1)])];
+    mean + half.hypot(r[(0, 1)])
+}
+
 fn may_be_seen(target: &Target, look: &Look<'_>, config: &DefaultConfig) -> bool {
     if look.coverage.area == Area::Everywhere {
         return true;
@@ -95,6 +102,8 @@ impl Work {
         self.place_of.resize(targets.len(), NONE);
         self.used.clear();
         self.used.resize(look.plots.len(), false);
+        self.reaches.clear();
+        let variance_m2 = look.plots.iter().map(widest_m2).fold(0.0, f64::max);
         let ways = config.ways();
         for (index, target) in targets.iter().enumerate() {
             if !may_be_seen(target, look, config) {
@@ -106,6 +115,7 @@ impl Work {
                 let steps = Steps::of(dt_s, &ways, &mut self.steps);
                 let mut row = Row::new(branch, &steps, look, config);
                 (row.target, row.leaf) = (short(index), short(leaf));
+                self.reaches.push(row.reach(branch, variance_m2, config));
                 self.rows.push(row);
             }
             let end_row = short(self.rows.len());
@@ -125,19 +135,8 @@ impl Work {
         if look.plots.is_empty() {
             return;
         }
-        let widest = |plot: &crate::tracking::Plot| {
-            let r = &plot.covariance_m2;
-            let [half, mean] = [0.5 * (r[(0, 0)] - r[(1, 1)]), 0.5 * (r[(0, 0)] + r[(1, 1)])];
-            mean + half.hypot(r[(0, 1)])
-        };
-        let variance_m2 = look.plots.iter().map(widest).fold(0.0, f64::max);
         self.points_m.clear();
         self.points_m.extend(look.plots.iter().map(|plot| [plot.position_m.x, plot.position_m.y]));
-        self.reaches.clear();
-        self.reaches.extend(self.rows.iter().map(|row| {
-            let branch = &targets[row.target as usize].leaves[row.leaf as usize];
-            row.reach(branch, variance_m2, config)
-        }));
         self.radii_m.clear();
         self.radii_m.extend(self.reaches.iter().map(|reach| reach.radius_m));
         let cell_m = cell_size_m(&mut self.radii_m).unwrap_or(1.0);
