@@ -4,6 +4,7 @@ mod filter;
 mod four;
 mod life;
 mod load_tests;
+mod memory;
 mod scenes;
 mod score;
 mod stop;
