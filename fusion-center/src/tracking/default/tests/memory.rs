@@ -6,42 +6,48 @@ use super::scenes::four_targets;
 use super::score::run;
 use crate::tracking::{Look, Tracker};
 
-/// What a tracker may hold more after the second half of many looks than after the first, bytes: by
-/// chance more is open at one end than at the other. A hundredth of what it holds.
-const MOST_MORE: i64 = 50_000;
+/// Looks after which the convoys begin anew: memory is compared at the same look of a round.
+const ROUND: usize = 30;
 
-/// What a tracker holds more after the second half of `look_count` looks, bytes: convoys that begin anew
-/// every 30 looks.
-fn grown(look_count: usize) -> i64 {
+/// What a tracker holds more after each of `part_count` parts of `round_count` rounds than before the
+/// first, bytes; one more part goes before.
+fn held(part_count: usize, round_count: usize) -> Vec<i64> {
     let scene = roads(60, 3);
+    assert_eq!(scene.looks.len(), ROUND);
     let span_s = 150.0;
     let mut tracker = DefaultTracker::new(DefaultConfig::wide_area()).unwrap();
     let mut settled = Vec::new();
-    let mut go_on = |looks: std::ops::Range<usize>| {
-        for index in looks {
-            let taken = &scene.looks[index % scene.looks.len()];
-            let time_s = taken.time_s + span_s * (index / scene.looks.len()) as f64;
+    let mut go_on = |part: usize| {
+        for index in part * round_count * ROUND..(part + 1) * round_count * ROUND {
+            let taken = &scene.looks[index % ROUND];
+            let time_s = taken.time_s + span_s * (index / ROUND) as f64;
             tracker.look(&Look { time_s, ..taken.look(index) }).unwrap();
             settled.clear();
             tracker.take_settled(&mut settled);
         }
     };
-    go_on(0..look_count / 2);
-    allocation_counter::measure(|| go_on(look_count / 2..look_count)).bytes_current
+    go_on(0);
+    let mut sum = 0;
+    let mut more = |part| {
+        sum += allocation_counter::measure(|| go_on(part)).bytes_current;
+        sum
+    };
+    (1..=part_count).map(&mut more).collect()
 }
 
+/// The load repeats, so that after the rounds in which lists reach their size nothing is added.
 #[test]
 fn memory_is_flat() {
-    let more = grown(1200);
-    assert!(more <= MOST_MORE, "{more}");
+    let more = held(10, 1);
+    assert!(more[4..].iter().all(|bytes| *bytes <= more[3]), "{more:?}");
 }
 
 #[test]
-#[ignore = "minutes: 100,000 looks"]
+#[ignore = "minutes: 99,900 looks"]
 fn study_memory() {
-    let more = grown(100_000);
-    println!("{more} bytes more after the second 50,000 looks");
-    assert!(more <= MOST_MORE, "{more}");
+    let more = held(9, 333);
+    println!("bytes more after each 9,990 looks: {more:?}");
+    assert!(more.iter().all(|bytes| *bytes <= 0), "{more:?}");
 }
 
 /// Errors of 57 m at targets 50 m apart, one plot in eight lost, standing targets not seen.
