@@ -135,13 +135,13 @@ fn the_job_says_what_reports_leave_out() {
     );
     assert_eq!((one.radial_m_per_s, one.truth), (None, None));
     let silent = JobDefinition { detection_percent: 0, ..job };
-    let segments = vec![
+    let unsaid = vec![
         mission(),
         Segment::JobDefinition(Box::new(silent)),
         Segment::Dwell(Box::new(dwell(Vec::new()))),
     ];
-    let found = only_dwell(&read(Naming::Own(node()), &[&bytes(segments)]));
-    assert_eq!(found.detection_probability, None);
+    let dwell_then = only_dwell(&read(Naming::Own(node()), &[&bytes(unsaid)]));
+    assert_eq!(dwell_then.detection_probability, None);
 }
 
 #[test]

@@ -160,6 +160,9 @@ impl Target {
 
 fn settled(track: u64, moment: &Moment, smooth: &Gauss) -> Settled {
     let state = moment.imm.merged();
+    // Where rounding has made smoothing lose its numbers, what was known then stands.
+    let is_sound = smooth.state().iter().chain(smooth.covariance().iter()).all(|v| v.is_finite());
+    let smooth = if is_sound { smooth } else { &state };
     Settled {
         track,
         status: moment.status,
