@@ -302,21 +302,21 @@ mod tests {
     /// the answer.
     #[test]
     fn late_and_out_of_order_comes_out_as_sorting_would_have_it() {
-        let sent = |number: u64, random: &mut ChaCha8Rng| {
-            let time_s = 50.0 + 0.1 * number as f64 + random.random_range(0.0..0.09);
-            (number, time_s, time_s - 50.0 + random.random_range(0.0..1.5))
+        let sent = |name: &str, random: &mut ChaCha8Rng| {
+            let mut arrived_s: f64 = 0.0;
+            let mut one = |number: u64| {
+                let time_s = 50.0 + 0.1 * number as f64 + random.random_range(0.0..0.09);
+                // One link keeps the order of what it carries.
+                arrived_s = arrived_s.max(time_s - 50.0 + random.random_range(0.0..1.5));
+                (arrived_s, origin(name, number), time_s)
+            };
+            (0..200).map(&mut one).collect::<Vec<_>>()
         };
         for seed in 0..20 {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             let mut arrivals = Vec::new();
             for name in ["a", "b", "c"] {
-                let mut arrived_s: f64 = 0.0;
-                for (number, time_s, delayed_s) in (0..200).map(|number| sent(number, &mut random))
-                {
-                    // One link keeps the order of what it carries.
-                    arrived_s = arrived_s.max(delayed_s);
-                    arrivals.push((arrived_s, origin(name, number), time_s));
-                }
+                arrivals.extend(sent(name, &mut random));
             }
             arrivals.sort_by(|one, other| one.0.total_cmp(&other.0));
             let mut order = Reorder::new(PATIENCE);
