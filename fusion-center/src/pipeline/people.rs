@@ -139,8 +139,7 @@ impl People {
             let name = *self.names.entry(track.id).or_insert(next);
             self.next_name = next.max(name + 1);
         }
-        let lives = |id: &u64| tracks.binary_search_by_key(id, |track| track.id).is_ok();
-        self.names.retain(|id, _| lives(id));
+        self.names.retain(|id, _| lives(tracks, *id));
     }
 
     fn look_at(&mut self, period: i64, gather: &Gather, placements: &BTreeMap<NodeId, Placement>) {
@@ -193,8 +192,7 @@ impl People {
                 self.gave.entry(track.id).or_default().insert(sensor_index, time_s);
             }
         }
-        let lives = |id: &u64| tracks.binary_search_by_key(id, |track| track.id).is_ok();
-        self.gave.retain(|id, _| lives(id));
+        self.gave.retain(|id, _| lives(tracks, *id));
     }
 
     fn sensor_index(&mut self, node: &NodeId) -> u32 {
@@ -276,6 +274,11 @@ fn plots(set: &KeptSet, placement: &Placement) -> Vec<Plot> {
     points.sort_by(|(_, one), (_, other)| other.snr_db.total_cmp(&one.snr_db));
     points.truncate(MAX_PLOT_COUNT);
     points.into_iter().map(plot).collect()
+}
+
+/// Whether `tracks`, in ascending order of id, hold this one.
+fn lives(tracks: &[Track], id: u64) -> bool {
+    tracks.binary_search_by_key(&id, |track| track.id).is_ok()
 }
 
 fn place_m(track: &Track) -> Vector2<f64> {
