@@ -85,18 +85,14 @@ impl Strength {
         known / (prior + (self.count - 1.0).max(0.0)) * (1.0 + 1.0 / self.count)
     }
 
-    /// `ln` of the density of a plot's strength over that of false plots, nats, and of `span` beside:
-    /// `−d²/(2 s²(1 + 1/n)) − ln(2π s²(1 + 1/n))/2 + ln(strength span) + ln(span)`.
-    pub(super) fn log_ratio(
-        &self,
-        strength_db: Option<f64>,
-        span: f64,
-        config: &DefaultConfig,
-    ) -> f64 {
-        let Some(value) = strength_db.filter(|_| 0.0 < self.count) else { return span.ln() };
+    /// The density of a plot's strength over that of false plots as `(d, w)`, of which it is
+    /// `w exp(−d/2)`: `d²/(s²(1 + 1/n))` and `strength span / √(2π s²(1 + 1/n))`.
+    pub(super) fn ratio(&self, strength_db: Option<f64>, config: &DefaultConfig) -> (f64, f64) {
+        let Some(value) = strength_db.filter(|_| 0.0 < self.count) else { return (0.0, 1.0) };
         let variance = self.variance_db2(config);
-        let (off, spans) = (value - self.mean_db, config.clutter_strength_span_db * span);
-        0.5 * ((spans * spans / (std::f64::consts::TAU * variance)).ln() - off * off / variance)
+        let off = value - self.mean_db;
+        let weight = config.clutter_strength_span_db / (std::f64::consts::TAU * variance).sqrt();
+        (off * off / variance, weight)
     }
 
     fn take(&mut self, strength_db: Option<f64>, config: &DefaultConfig) {

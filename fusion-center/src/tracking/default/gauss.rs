@@ -59,8 +59,17 @@ pub(super) struct Fit {
     pub(super) distance2: f64,
     /// Of the place alone.
     pub(super) place_distance2: f64,
-    /// Density of the plot, per square metre and, if it counts, per metre per second.
-    pub(super) log_density: f64,
+    /// `(2π)^k det S`, m⁴ and, if the radial velocity counts, m²/s²: the density of the plot is
+    /// `exp(−distance2/2) / √volume2`.
+    pub(super) volume2: f64,
+}
+
+#[cfg(test)]
+impl Fit {
+    /// Logarithm of the density of the plot.
+    pub(super) fn log_density(&self) -> f64 {
+        -0.5 * (self.distance2 + self.volume2.ln())
+    }
 }
 
 impl Step {
@@ -151,10 +160,10 @@ impl Gauss {
         let (dx, dy) = (plot.position_m.x - self.mean[0], plot.position_m.y - self.mean[1]);
         let [wx, wy] = [inverse[0] * dx + inverse[1] * dy, inverse[1] * dx + inverse[2] * dy];
         let place_distance2 = dx * wx + dy * wy;
-        let place = |more_distance2: f64, volume: f64| Fit {
+        let place = |more_distance2: f64, volume2: f64| Fit {
             distance2: place_distance2 + more_distance2,
             place_distance2,
-            log_density: -0.5 * (place_distance2 + more_distance2 + volume.ln()),
+            volume2,
         };
         let place_volume = TAU2 * det;
         let Some(radial) = plot.radial else { return place(0.0, place_volume) };

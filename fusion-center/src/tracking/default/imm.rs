@@ -107,14 +107,16 @@ impl Imm {
         [self.ways[0].fit(plot), self.ways[1].fit(plot)]
     }
 
-    /// Logarithm of the density of a plot that fits the ways so, and the first's share with it.
-    pub(super) fn weighed(&self, fits: &[Fit; 2]) -> (f64, f64) {
-        let [a, b] = [fits[0].log_density, fits[1].log_density];
-        let (p, q) = (self.first_share, 1.0 - self.first_share);
-        let odds = (-(a - b).abs()).exp();
-        let [first, second] = if b <= a { [p, q * odds] } else { [p * odds, q] };
+    /// The density of a plot that fits the ways so as `(d, w)`, of which it is `w exp(−d/2)`, and the
+    /// first's share with it.
+    pub(super) fn weighed(&self, fits: &[Fit; 2]) -> ((f64, f64), f64) {
+        let [a, b] = fits.map(|fit| fit.distance2);
+        let less = (-0.5 * (a - b).abs()).exp();
+        let [of_a, of_b] = if a <= b { [1.0, less] } else { [less, 1.0] };
+        let first = self.first_share * of_a / fits[0].volume2.sqrt();
+        let second = (1.0 - self.first_share) * of_b / fits[1].volume2.sqrt();
         let sum = first + second;
-        (a.max(b) + sum.ln(), (first / sum).clamp(MIN_WEIGHT, 1.0 - MIN_WEIGHT))
+        ((a.min(b), sum), (first / sum).clamp(MIN_WEIGHT, 1.0 - MIN_WEIGHT))
     }
 
     /// Takes in a plot that gives the first way `first_share`: see [`Imm::weighed`].

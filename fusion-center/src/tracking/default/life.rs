@@ -1,11 +1,14 @@
 //! Beginnings and ends of tracks, and what is shown and remembered of them.
 
-use crate::tracking::Look;
+use crate::tracking::{Look, Status};
 
 use super::DefaultTracker;
 use super::branch::Branch;
 use super::target::Target;
 use super::work::NONE;
+
+/// Targets whose memory is kept for others.
+const MAX_SPARE_COUNT: usize = 4096;
 
 impl DefaultTracker {
     /// Plots that nobody takes start tracks.
@@ -15,19 +18,41 @@ impl DefaultTracker {
                 continue;
             }
             let branch = Branch::new(look, plot, &self.config);
-            let target = Target::new(self.next_id, branch);
+            let target = match self.spare.pop() {
+                None => Target::new(self.next_id, branch),
+                Some(mut target) => {
+                    target.begin_again(self.next_id, branch);
+                    target
+                }
+            };
             self.next_id += 1;
             self.shown.push(target.track());
             self.targets.push(target);
         }
     }
 
-    /// Ends the tracks that are not believed any more.
-    pub(super) fn end(&mut self, now_s: f64) {
+    /// Shows what the look has changed, forgets what nobody has taken, oldest first, beyond what is
+    /// remembered, and ends the tracks that are not believed any more.
+    pub(super) fn close(&mut self, now_s: f64) {
         let config = &self.config;
-        if !self.targets.iter().any(|target| target.leaf().is_over(now_s, config)) {
-            return;
+        let fair = config.max_step_count / self.targets.len().max(1);
+        let limit = fair.max(config.smoothing_looks + 1);
+        let mut over_count = 0;
+        for (index, target) in self.targets.iter_mut().enumerate() {
+            if self.work.place_of.get(index).is_some_and(|place| *place != NONE) {
+                self.shown[index] = target.track();
+            }
+            target.forget(target.trunk.len().saturating_sub(limit));
+            over_count += usize::from(target.leaf().is_over(now_s, config));
         }
+        if 0 < over_count {
+            self.end(now_s);
+        }
+    }
+
+    /// Ends the tracks that are not believed any more.
+    fn end(&mut self, now_s: f64) {
+        let (config, limit) = (&self.config, self.config.max_step_count);
         let mut names: Vec<u32> = Vec::with_capacity(self.targets.len());
         let mut kept = 0;
         for target in &self.targets {
@@ -41,13 +66,17 @@ impl DefaultTracker {
             at += 1;
             names[at - 1] != NONE
         });
-        let (ended, limit) = (&mut self.ended, self.config.max_step_count);
         let mut index = 0;
         for target in self.targets.extract_if(.., |_| {
             index += 1;
             names[index - 1] == NONE
         }) {
-            ended.push(target, limit);
+            // Most were never more than tentative, and their memory serves again.
+            if target.leaf().status == Status::Tentative && self.spare.len() < MAX_SPARE_COUNT {
+                self.spare.push(target);
+            } else {
+                self.ended.push(target, limit);
+            }
         }
         self.renumber_clusters();
     }
@@ -66,24 +95,6 @@ impl DefaultTracker {
                 *member = names[*member as usize];
             }
             self.clusters[index] = rest;
-        }
-    }
-
-    /// Shows what the look has changed.
-    pub(super) fn show(&mut self) {
-        for (index, target) in self.targets.iter().enumerate() {
-            if self.work.place_of.get(index).is_none_or(|place| *place != NONE) {
-                self.shown[index] = target.track();
-            }
-        }
-    }
-
-    /// Forgets what nobody has taken, oldest first, beyond what is remembered.
-    pub(super) fn forget(&mut self) {
-        let fair = self.config.max_step_count / self.targets.len().max(1);
-        let limit = fair.max(self.config.smoothing_looks + 1);
-        for target in &mut self.targets {
-            target.forget(target.trunk.len().saturating_sub(limit));
         }
     }
 }

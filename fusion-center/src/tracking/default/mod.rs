@@ -44,6 +44,8 @@ pub struct DefaultTracker {
     shown: Vec<Track>,
     clusters: Vec<Hypotheses>,
     ended: Ended,
+    /// Memory of targets that are gone.
+    spare: Vec<Target>,
     next_id: u64,
     now_s: Option<f64>,
     work: Work,
@@ -64,6 +66,7 @@ impl DefaultTracker {
             shown: Vec::new(),
             clusters: Vec::new(),
             ended: Ended::default(),
+            spare: Vec::new(),
             next_id: 1,
             now_s: None,
             work: Work::default(),
@@ -79,9 +82,7 @@ impl Tracker for DefaultTracker {
         self.work.expect(&self.targets, look, &self.config);
         self.decide(look);
         self.begin(look);
-        self.show();
-        self.end(look.time_s);
-        self.forget();
+        self.close(look.time_s);
         Ok(())
     }
 

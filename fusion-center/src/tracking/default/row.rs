@@ -57,6 +57,34 @@ pub(super) struct Reach {
     pub(super) radius_m: f64,
 }
 
+/// What a probability of detection means, in a look.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Chance {
+    detected: f64,
+    /// The same, as far as it is trusted.
+    detection: f64,
+    /// `−ln(1 − P_D)`
+    miss_cost: f64,
+    /// `ln(P_D/λ)`
+    log_ratio: f64,
+}
+
+impl Chance {
+    /// Of what is detected with the probability `detected`: `known` if that is for it, which it is
+    /// afterwards.
+    fn of(detected: f64, look: &Look<'_>, config: &DefaultConfig, known: &mut Option<Self>) -> Self {
+        if let Some(chance) = known.filter(|of| of.detected.to_bits() == detected.to_bits()) {
+            return chance;
+        }
+        let best = look.coverage.detection_probability;
+        let detection = detected.max(MIN_DETECTION_SHARE * best).min(MAX_DETECTION);
+        let clutter = look.clutter_per_m2.max(config.min_clutter_per_m2);
+        let miss_cost = -(1.0 - detected.min(MAX_DETECTION)).ln();
+        let log_ratio = (detection / clutter).ln();
+        *known.insert(Self { detected, detection, miss_cost, log_ratio })
+    }
+}
+
 impl Row {
     /// What `branch` expects after `steps`.
     pub(super) fn new(
@@ -64,24 +92,23 @@ impl Row {
         steps: &Steps,
         look: &Look<'_>,
         config: &DefaultConfig,
+        known: &mut Option<Chance>,
     ) -> Self {
         let expected = branch.imm.stepped(steps);
         let seen = seen(look, || expected.merged());
         let best = look.coverage.detection_probability;
-        let detection = seen.detected.max(MIN_DETECTION_SHARE * best).min(MAX_DETECTION);
-        let missed = 1.0 - seen.detected.min(MAX_DETECTION);
+        let chance = Chance::of(seen.detected, look, config, known);
         let (miss_cost, moved_on_share) = match &branch.stand {
-            None => (-missed.ln(), 0.0),
+            None => (chance.miss_cost, 0.0),
             Some(stand) => {
-                let stands = stand.share();
+                let (stands, missed) = (stand.share(), (-chance.miss_cost).exp());
                 let restart = -(-config.restart_per_s * steps.dt_s).exp_m1();
                 let odds = stands / (1.0 - stands).max(f64::MIN_POSITIVE);
-                let share = odds * restart * best / detection;
+                let share = odds * restart * best / chance.detection;
                 (-((1.0 - stands) * missed + stands).ln(), share)
             }
         };
-        let moving = branch.stand.map_or(1.0, |stand| 1.0 - stand.share());
-        let clutter = look.clutter_per_m2.max(config.min_clutter_per_m2);
+        let moving = branch.stand.map_or(0.0, |stand| (1.0 - stand.share()).ln());
         let is_tentative = branch.status == Status::Tentative;
         Self {
             target: 0,
@@ -92,7 +119,7 @@ impl Row {
             dt_s: steps.dt_s,
             bias: if is_tentative { config.tentative_bias_nats } else { 0.0 },
             miss_cost,
-            log_ratio: (moving * detection / clutter).ln(),
+            log_ratio: chance.log_ratio + moving,
             first_edge: 0,
             end_edge: 0,
         }
@@ -136,24 +163,29 @@ impl Row {
             return None;
         }
         let fits = self.expected.fits(plot);
-        let (moving_density, first_share) = self.expected.weighed(&fits);
-        let moving = fits.iter().any(passes).then_some(moving_density);
+        let (of_moving, first_share) = self.expected.weighed(&fits);
+        let moving = fits.iter().any(passes).then_some(of_moving);
         let started = self.moved_on(branch, config).and_then(|start| {
             let fit = start.fit(plot);
-            passes(&fit).then(|| fit.log_density + self.moved_on_share.ln())
+            passes(&fit).then(|| (fit.distance2, self.moved_on_share / fit.volume2.sqrt()))
         });
-        let (log_density, moved_on) = match (moving, started) {
+        let ((distance2, weight), moved_on) = match (moving, started) {
             (None, None) => return None,
-            (Some(value), None) => (value, false),
-            (None, Some(value)) => (value, true),
-            (Some(a), Some(b)) => (a.max(b) + (-(a - b).abs()).exp().ln_1p(), a < b),
+            (Some(one), None) => (one, false),
+            (None, Some(other)) => (other, true),
+            (Some(one), Some(other)) => {
+                let least = one.0.min(other.0);
+                let [a, b] = [one, other].map(|(d2, weight)| weight * (0.5 * (least - d2)).exp());
+                ((least, a + b), a < b)
+            }
         };
         let span = plot.radial.map_or(1.0, |radial| {
             let most = config.clutter_radial_span_m_per_s;
             radial.wrap_m_per_s.map_or(most, |period| period.min(most))
         });
-        let features = branch.strength.log_ratio(plot.strength_db, span, config);
-        let cost = self.bias - self.log_ratio - log_density - features;
+        let strength = branch.strength.ratio(plot.strength_db, config);
+        let log_density = (weight * strength.1 * span).ln() - 0.5 * (distance2 + strength.0);
+        let cost = self.bias - self.log_ratio - log_density;
         let edge = Edge { plot: index, cost, moved_on, first_share };
         (cost <= self.miss_cost + config.keep_nats).then_some(edge)
     }

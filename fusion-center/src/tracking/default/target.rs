@@ -32,11 +32,6 @@ pub(super) struct Target {
     pub(super) cluster: Option<u32>,
 }
 
-/// Whether a track ever was more than tentative.
-fn was_confirmed(moments: &[Moment]) -> bool {
-    moments.iter().any(|moment| moment.status != Status::Tentative)
-}
-
 impl Target {
     /// One that begins with a branch.
     pub(super) fn new(id: u64, branch: Branch) -> Self {
@@ -52,6 +47,17 @@ impl Target {
             best: 0,
             cluster: None,
         }
+    }
+
+    /// Another that begins with a branch, in the memory of this one.
+    pub(super) fn begin_again(&mut self, id: u64, branch: Branch) {
+        self.trunk.clear();
+        self.passes.clear();
+        self.open.clear();
+        self.leaves.clear();
+        self.trunk.push_back(branch.moment(Some(branch.last_report), Origin::Anew));
+        self.leaves.push(branch);
+        (self.id, self.best, self.cluster) = (id, 0, None);
     }
 
     /// The best branch.
@@ -186,10 +192,11 @@ pub(super) struct Ended {
 impl Ended {
     /// Remembers a track that was ever confirmed; forgets the oldest beyond `limit` moments.
     pub(super) fn push(&mut self, target: Target, limit: usize) {
-        let (id, moments) = target.into_moments();
-        if !was_confirmed(&moments) {
+        // One that was confirmed is never tentative again.
+        if target.leaf().status == Status::Tentative {
             return;
         }
+        let (id, moments) = target.into_moments();
         self.count += moments.len();
         self.tracks.push_back((id, moments));
         while limit < self.count {

@@ -6,11 +6,11 @@ use crate::tracking::assign::{AssignError, Edges, Solver};
 use crate::tracking::gate::{Grid, cell_size_m};
 use crate::tracking::{Area, Look, Plot};
 
-use super::config::DefaultConfig;
+use super::config::{DefaultConfig, Way};
 use super::coverage::may_be_inside;
 use super::imm::Steps;
 use super::prices::Prices;
-use super::row::{Edge, Reach, Row};
+use super::row::{Chance, Edge, Row};
 use super::target::Target;
 
 /// No target, no plot.
@@ -19,6 +19,9 @@ pub(super) const NONE: u32 = u32::MAX;
 const MIN_INSIDE: f64 = 0.01;
 /// A target farther outside the area than so many standard deviations is not looked at.
 const FAR_SIGMAS: f64 = 6.0;
+
+/// The cells of the grid have the middle of the radii of one in so many rows.
+const ROWS_PER_RADIUS: usize = 8;
 
 /// Whether a target takes a plot that nobody else wants is left open only within so many nats: no
 /// identity depends on it, and the filter forgives one plot.
@@ -36,6 +39,14 @@ pub(super) struct Touched {
     pub(super) unclear: bool,
 }
 
+/// What a target takes.
+enum Wish {
+    /// That plot or none, and by how many nats that is better than the other choice.
+    Alone(u32, f64),
+    /// It depends on others, or on a choice.
+    Shared,
+}
+
 /// Memory for a look.
 #[derive(Debug, Default)]
 pub(super) struct Work {
@@ -47,14 +58,20 @@ pub(super) struct Work {
     /// Plots that somebody takes.
     pub(super) used: Vec<bool>,
     steps: Option<Steps>,
-    reaches: Vec<Reach>,
+    /// How many rows want each plot.
+    wanted: Vec<u32>,
+    /// What was last worked out for a row.
+    chance: Option<Chance>,
+    /// Some of the radii of the newest look.
     radii_m: Vec<f64>,
     points_m: Vec<[f64; 2]>,
     grid: Grid,
     matrix: Edges,
     solver: Solver,
     pairs: Vec<(u32, f64)>,
-    /// The plot of each row in the best assignment.
+    /// Where in `touched` those are that share a plot, or may choose.
+    shared: Vec<u32>,
+    /// The plot of each of these in the best assignment.
     own: Vec<u32>,
     prices: Prices,
     /// A member of the same group, or itself.
@@ -102,68 +119,65 @@ impl Work {
         self.place_of.resize(targets.len(), NONE);
         self.used.clear();
         self.used.resize(look.plots.len(), false);
-        self.reaches.clear();
+        self.wanted.clear();
+        self.wanted.resize(look.plots.len(), 0);
+        self.chance = None;
         let variance_m2 = look.plots.iter().map(widest_m2).fold(0.0, f64::max);
+        self.lay_grid(look, (config.gate_distance2 * variance_m2).sqrt());
         let ways = config.ways();
         for (index, target) in targets.iter().enumerate() {
-            if !may_be_seen(target, look, config) {
-                continue;
+            if may_be_seen(target, look, config) {
+                self.expect_of((short(index), target), (look, variance_m2), config, &ways);
             }
-            let first_row = short(self.rows.len());
-            for (leaf, branch) in target.leaves.iter().enumerate() {
-                let dt_s = look.time_s - branch.time_s;
-                let steps = Steps::of(dt_s, &ways, &mut self.steps);
-                let mut row = Row::new(branch, &steps, look, config);
-                (row.target, row.leaf) = (short(index), short(leaf));
-                self.reaches.push(row.reach(branch, variance_m2, config));
-                self.rows.push(row);
-            }
-            let end_row = short(self.rows.len());
-            self.touched.push(Touched {
-                target: short(index),
-                first_row,
-                end_row,
-                own: NONE,
-                unclear: false,
-            });
         }
-        self.find_edges(targets, look, config);
-        self.drop_unseen();
     }
 
-    fn find_edges(&mut self, targets: &[Target], look: &Look<'_>, config: &DefaultConfig) {
-        if look.plots.is_empty() {
-            return;
-        }
+    /// Lays the grid of the plots, with cells of the radius that was last asked with, or of `first_m`.
+    fn lay_grid(&mut self, look: &Look<'_>, first_m: f64) {
         self.points_m.clear();
         self.points_m.extend(look.plots.iter().map(|plot| [plot.position_m.x, plot.position_m.y]));
+        let cell_m = cell_size_m(&mut self.radii_m).unwrap_or(first_m);
         self.radii_m.clear();
-        self.radii_m.extend(self.reaches.iter().map(|reach| reach.radius_m));
-        let cell_m = cell_size_m(&mut self.radii_m).unwrap_or(1.0);
         // Places were checked, so that neither filling nor asking can fail.
-        if self.grid.fill(&self.points_m, cell_m).is_err() {
-            return;
-        }
-        for (row, reach) in self.rows.iter_mut().zip(&self.reaches) {
+        let filled = self.grid.fill(&self.points_m, cell_m.max(f64::MIN_POSITIVE));
+        debug_assert!(filled.is_ok());
+    }
+
+    /// Adds the rows and edges of a target, if the look concerns it.
+    fn expect_of(
+        &mut self,
+        (index, target): (u32, &Target),
+        (look, variance_m2): (&Look<'_>, f64),
+        config: &DefaultConfig,
+        ways: &[Way; 2],
+    ) {
+        let (first_row, first_edge) = (self.rows.len(), self.edges.len());
+        let mut is_inside = false;
+        for branch in &target.leaves {
+            let steps = Steps::of(look.time_s - branch.time_s, ways, &mut self.steps);
+            let mut row = Row::new(branch, &steps, look, config, &mut self.chance);
+            is_inside |= MIN_INSIDE <= row.seen.inside;
+            let reach = row.reach(branch, variance_m2, config);
+            if self.rows.len().is_multiple_of(ROWS_PER_RADIUS) {
+                self.radii_m.push(reach.radius_m);
+            }
             row.first_edge = short(self.edges.len());
-            let branch = &targets[row.target as usize].leaves[row.leaf as usize];
             let edges = &mut self.edges;
             let asked = self.grid.for_each_within(reach.middle_m, reach.radius_m, |index, _| {
                 edges.extend(row.edge(branch, (short(index), &look.plots[index]), config));
             });
             row.end_edge = if asked.is_ok() { short(self.edges.len()) } else { row.first_edge };
+            self.rows.push(row);
         }
-    }
-
-    /// Forgets targets that the look does not concern.
-    fn drop_unseen(&mut self) {
-        let rows = &self.rows;
-        self.touched.retain(|touched| {
-            let of = &rows[touched.first_row as usize..touched.end_row as usize];
-            of.iter().any(|row| MIN_INSIDE <= row.seen.inside || row.first_edge < row.end_edge)
-        });
-        for (place, touched) in self.touched.iter().enumerate() {
-            self.place_of[touched.target as usize] = short(place);
+        if !is_inside && first_edge == self.edges.len() {
+            self.rows.truncate(first_row);
+            return;
+        }
+        self.place_of[index as usize] = short(self.touched.len());
+        let [first_row, end_row] = [first_row, self.rows.len()].map(short);
+        self.touched.push(Touched { target: index, first_row, end_row, own: NONE, unclear: false });
+        for edge in &self.edges[first_edge..] {
+            self.wanted[edge.plot as usize] += 1;
         }
     }
 
@@ -194,24 +208,56 @@ impl Work {
     /// Finds the best assignment of the touched targets at `places`, and which of them contest a
     /// plot within `most` nats, or less for tentative tracks; joins those to groups.
     pub(super) fn contest(&mut self, places: std::ops::Range<usize>, most: f64) {
-        // Costs are numbers and plots are named once, so that nothing is refused.
-        if self.fill_matrix(places.clone()).is_err() {
-            return;
-        }
-        let count = self.place_of.len();
         self.above.clear();
-        self.above.extend(0..short(count));
+        self.above.extend(0..short(self.place_of.len()));
         self.first.clear();
         self.first.resize(self.used.len(), NONE);
+        let few = most.min(ALONE_NATS);
+        self.shared.clear();
+        for place in places {
+            let touched = self.touched[place];
+            match self.first_wish(&touched) {
+                Wish::Shared => self.shared.push(short(place)),
+                Wish::Alone(own, margin) => {
+                    let enough = if own == NONE { most } else { few };
+                    (self.touched[place].own, self.touched[place].unclear) =
+                        (own, margin <= enough);
+                }
+            }
+        }
+        self.contest_shared(most, few);
+    }
+
+    /// What a target takes if nobody else wants its plot, and if it has no other.
+    fn first_wish(&self, touched: &Touched) -> Wish {
+        let row = &self.rows[touched.first_row as usize];
+        match self.edges_of(row) {
+            _ if 1 < touched.end_row - touched.first_row => Wish::Shared,
+            [] => Wish::Alone(NONE, f64::INFINITY),
+            [only] if self.wanted[only.plot as usize] == 1 => {
+                let margin = row.miss_cost - only.cost;
+                let own = if 0.0 < margin { only.plot } else { NONE };
+                Wish::Alone(own, if own == NONE { -margin } else { margin })
+            }
+            _ => Wish::Shared,
+        }
+    }
+
+    /// As [`Self::contest`], for targets in `shared`.
+    fn contest_shared(&mut self, most: f64, few: f64) {
+        // Costs are numbers and plots are named once, so that nothing is refused.
+        if self.fill_matrix().is_err() {
+            return;
+        }
         let solved = self.solver.solve(&self.matrix);
         self.own.clear();
-        self.own.extend((0..places.len()).map(|row| solved.column_of(row).map_or(NONE, short)));
+        self.own
+            .extend((0..self.shared.len()).map(|row| solved.column_of(row).map_or(NONE, short)));
         self.prices.raise(&self.matrix, &self.own);
-        let few = most.min(ALONE_NATS);
-        for (row, place) in places.enumerate() {
-            let is_tentative = 0.0 < self.rows[self.touched[place].first_row as usize].bias;
+        for (row, place) in self.shared.iter().enumerate() {
+            let touched = &mut self.touched[*place as usize];
+            let is_tentative = 0.0 < self.rows[touched.first_row as usize].bias;
             let margin = if is_tentative { few } else { most };
-            let touched = &mut self.touched[place];
             touched.own = self.own[row];
             let price = self.prices.of_rows[row];
             touched.unclear = touched.own != NONE && -price <= few;
@@ -224,11 +270,11 @@ impl Work {
         }
     }
 
-    /// Fills in what each touched target at `places` pays for each plot.
-    fn fill_matrix(&mut self, places: std::ops::Range<usize>) -> Result<(), AssignError> {
+    /// Fills in what each target in `shared` pays for each plot.
+    fn fill_matrix(&mut self) -> Result<(), AssignError> {
         self.matrix.begin(self.used.len())?;
-        for place in places {
-            let touched = self.touched[place];
+        for index in 0..self.shared.len() {
+            let touched = self.touched[self.shared[index] as usize];
             self.cheapest_pairs(&touched);
             for (plot, cost) in &self.pairs {
                 self.matrix.push(*plot as usize, *cost)?;
