@@ -19,7 +19,7 @@ use super::geo::{Past, fix, geo_track};
 use super::reorder::{Offer, Origin, Reorder};
 use super::{Follower, MapConfig};
 use crate::export::GeoTrack;
-use crate::tracking::{InvalidSetting, Settled, Status};
+use crate::tracking::{InvalidSetting, Status};
 
 /// What happens.
 #[derive(Debug)]
@@ -199,7 +199,7 @@ impl MapCentre {
             self.note_pasts();
         }
         // What is settled is for files; on the map only the present counts.
-        self.follower.take_settled(&mut Vec::<Settled>::new());
+        self.follower.forget_settled();
     }
 
     /// Keeps the ways of what is shown, and forgets those of what has ended.
@@ -209,12 +209,20 @@ impl MapCentre {
         }
         let mut pasts = std::mem::take(&mut self.pasts);
         let most = self.config.output.history_count;
-        for track in self.follower.tracks() {
+        let tracks = self.follower.tracks();
+        // Others are where they were.
+        let newest_s = tracks.iter().map(|track| track.time_s).fold(f64::NEG_INFINITY, f64::max);
+        for track in tracks {
+            let past = pasts.remove(&track.id);
+            if track.time_s < newest_s {
+                self.pasts.extend(past.map(|past| (track.id, past)));
+                continue;
+            }
             let Some(on_map) = self.follower.map_track(track) else { continue };
             let Ok(place) = fix(&on_map) else { continue };
             let new =
                 || Past { first_seen_unix_s: track.seen_s, sensors: Vec::new(), fixes: Vec::new() };
-            let mut past = pasts.remove(&track.id).unwrap_or_else(new);
+            let mut past = past.unwrap_or_else(new);
             past.take(place, on_map.report.map(|report| report.node.to_string()), most);
             self.pasts.insert(track.id, past);
         }

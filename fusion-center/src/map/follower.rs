@@ -125,6 +125,11 @@ impl Follower {
         self.tracker.take_settled(into);
     }
 
+    /// See [`Tracker::forget_settled`].
+    pub fn forget_settled(&mut self) {
+        self.tracker.forget_settled();
+    }
+
     /// The report that a tracker names, as long as it is remembered.
     #[must_use]
     pub fn source(&self, id: ReportId) -> Option<Source> {

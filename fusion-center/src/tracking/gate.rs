@@ -53,6 +53,9 @@ const MAX_COUNT: usize = u32::MAX as usize / (2 * CELLS_PER_POINT);
 /// ones would make its cells large.
 const POINTS_PER_OUTLIER: usize = 50;
 
+/// How many points tell where nearly all are.
+const CORE_SAMPLE_COUNT: usize = 500;
+
 /// A point in the order of the cells.
 #[derive(Clone, Copy, Debug)]
 struct Held {
@@ -78,6 +81,7 @@ impl Axis {
         clippy::cast_sign_loss,
         reason = "the cast saturates, below at the first cell, above at the last"
     )]
+    #[inline]
     fn cell(&self, at_m: f64) -> usize {
         (((at_m - self.start_m) * self.cells_per_m) as usize).min(self.last)
     }
@@ -140,6 +144,7 @@ impl Grid {
     ///
     /// # Errors
     /// The place or the radius is not finite, or the radius is negative; nothing is named then.
+    #[inline]
     pub fn for_each_within(
         &self,
         place_m: [f64; 2],
@@ -187,12 +192,13 @@ impl Grid {
         })
     }
 
-    /// Between which two values nearly all points are.
+    /// Between which two values nearly all points are, by some of them.
     fn core(&mut self, points_m: &[[f64; 2]], axis: usize) -> [f64; 2] {
         self.sorted_m.clear();
-        self.sorted_m.extend(points_m.iter().map(|point_m| point_m[axis]));
-        let beyond = points_m.len() / POINTS_PER_OUTLIER;
-        let last = points_m.len() - 1;
+        let step = points_m.len().div_ceil(CORE_SAMPLE_COUNT);
+        self.sorted_m.extend(points_m.iter().step_by(step).map(|point_m| point_m[axis]));
+        let beyond = self.sorted_m.len() / POINTS_PER_OUTLIER;
+        let last = self.sorted_m.len() - 1;
         [beyond, last - beyond]
             .map(|rank| *self.sorted_m.select_nth_unstable_by(rank, f64::total_cmp).1)
     }

@@ -237,6 +237,11 @@ pub trait Tracker: Send {
     /// of time. What nobody takes is forgotten, oldest first, beyond a bound.
     fn take_settled(&mut self, into: &mut Vec<Settled>);
 
+    /// Forgets what has been settled, for users of the present alone.
+    fn forget_settled(&mut self) {
+        self.take_settled(&mut Vec::new());
+    }
+
     /// Settles everything: no look follows.
     fn finish(&mut self);
 }

@@ -79,6 +79,7 @@ pub(super) struct Branch {
 
 impl Strength {
     /// Variance of the next plot's strength about the mean, dB².
+    #[inline]
     fn variance_db2(&self, config: &DefaultConfig) -> f64 {
         let prior = config.strength_prior_count;
         let known = prior * config.strength_sigma_db.powi(2) + self.squares_db2;
@@ -87,6 +88,7 @@ impl Strength {
 
     /// The density of a plot's strength over that of false plots as `(d, w)`, of which it is
     /// `w exp(−d/2)`: `d²/(s²(1 + 1/n))` and `strength span / √(2π s²(1 + 1/n))`.
+    #[inline]
     pub(super) fn ratio(&self, strength_db: Option<f64>, config: &DefaultConfig) -> (f64, f64) {
         let Some(value) = strength_db.filter(|_| 0.0 < self.count) else { return (0.0, 1.0) };
         let variance = self.variance_db2(config);
@@ -95,6 +97,7 @@ impl Strength {
         (off * off / variance, weight)
     }
 
+    #[inline]
     fn take(&mut self, strength_db: Option<f64>, config: &DefaultConfig) {
         let Some(value) = strength_db else { return };
         let keep = (config.strength_memory_count / (self.count + 1.0)).min(1.0);
@@ -177,6 +180,7 @@ impl Branch {
     }
 
     /// The newest look, to be remembered.
+    #[inline]
     pub(super) fn moment(&self, report: Option<ReportId>, origin: Origin) -> Moment {
         let stopped = self.stand.filter(|_| self.status == Status::Stopped);
         let imm = stopped.map_or(self.imm, |stand| Imm::new(stand.place(), 1.0));
@@ -227,6 +231,7 @@ impl Branch {
     }
 
     /// Goes on without a plot.
+    #[inline]
     pub(super) fn miss(&mut self, row: &Row, look: &Look<'_>, config: &DefaultConfig) -> Moment {
         let was_stopped = self.status == Status::Stopped;
         self.may_stop(row, look, config);

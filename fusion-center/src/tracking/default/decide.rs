@@ -136,7 +136,9 @@ impl DefaultTracker {
                 Some(index) => std::mem::take(&mut self.clusters[index as usize]),
             };
             // A cluster is taken with the first of its members.
-            if !part.members.is_empty() {
+            if joint.members.is_empty() {
+                joint = part;
+            } else if !part.members.is_empty() {
                 joint = joint.product(&part, self.config.max_hypothesis_count);
             }
         }
@@ -218,9 +220,7 @@ impl DefaultTracker {
         }
         self.mark_used(found, &next.shares());
         settle(&mut self.targets, &mut next, self.config.lag_scans);
-        for part in split(&self.targets, next) {
-            self.clusters.push(part);
-        }
+        split(&self.targets, next, &mut self.clusters);
     }
 
     /// Gives a target the branches that come of `(branch, choice)`.

@@ -105,6 +105,7 @@ impl Gauss {
     }
 
     /// The state after a step.
+    #[inline]
     pub(super) fn stepped(&self, step: &Step) -> Self {
         let (a, b, m, c) = (step.fade, step.reach_s, &self.mean, &self.cov);
         let mean = [m[0] + b * m[2], m[1] + b * m[3], a * m[2], a * m[3]];
@@ -138,6 +139,7 @@ impl Gauss {
     }
 
     /// `(S⁻¹ as xx, xy, yy; det S)` of a plot's place.
+    #[inline]
     fn place_spread(&self, plot: &Plot) -> ([f64; 3], f64) {
         let r = &plot.covariance_m2;
         let (sxx, sxy, syy) =
@@ -148,6 +150,7 @@ impl Gauss {
     }
 
     /// Mahalanobis distance squared of a plot's place.
+    #[inline]
     pub(super) fn place_distance2(&self, plot: &Plot) -> f64 {
         let (inverse, _) = self.place_spread(plot);
         let (dx, dy) = (plot.position_m.x - self.mean[0], plot.position_m.y - self.mean[1]);
@@ -155,6 +158,7 @@ impl Gauss {
     }
 
     /// How well a plot fits.
+    #[inline]
     pub(super) fn fit(&self, plot: &Plot) -> Fit {
         let (inverse, det) = self.place_spread(plot);
         let (dx, dy) = (plot.position_m.x - self.mean[0], plot.position_m.y - self.mean[1]);
@@ -180,6 +184,7 @@ impl Gauss {
         place(distance2, place_volume * std::f64::consts::TAU * variance)
     }
 
+    #[inline]
     fn radial_variance(&self, radial: &Radial) -> f64 {
         let (d, c) = (radial.direction, &self.cov);
         let own = d.x * d.x * c[UU] + 2.0 * d.x * d.y * c[UV] + d.y * d.y * c[VV];
@@ -187,6 +192,7 @@ impl Gauss {
     }
 
     /// Takes in a plot: its place, then its radial velocity.
+    #[inline]
     pub(super) fn update(&mut self, plot: &Plot) {
         let (inverse, _) = self.place_spread(plot);
         let (dx, dy) = (plot.position_m.x - self.mean[0], plot.position_m.y - self.mean[1]);
@@ -208,6 +214,7 @@ impl Gauss {
     }
 
     /// Takes in a radial velocity, unless it could be one of several.
+    #[inline]
     pub(super) fn update_radial(&mut self, radial: &Radial) {
         let (d, c) = (radial.direction, self.cov);
         let variance = self.radial_variance(radial);
@@ -234,6 +241,7 @@ impl Gauss {
     }
 
     /// The mixture's mean and covariance, `share` of it being `self`.
+    #[inline]
     pub(super) fn mixed(&self, other: &Self, share: f64) -> Self {
         let (p, q) = (share, 1.0 - share);
         let off: [f64; 4] = std::array::from_fn(|i| self.mean[i] - other.mean[i]);
@@ -274,6 +282,7 @@ impl Gauss {
     }
 
     /// Variance of the place in the direction in which it is largest, m².
+    #[inline]
     pub(super) fn widest_m2(&self) -> f64 {
         let [half, off] = [0.5 * (self.cov[XX] - self.cov[YY]), self.cov[XY]];
         0.5 * (self.cov[XX] + self.cov[YY]) + (half * half + off * off).sqrt()

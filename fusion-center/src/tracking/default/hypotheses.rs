@@ -86,6 +86,12 @@ impl Hypotheses {
         kept < count
     }
 
+    /// Makes costs relative to the best.
+    pub(super) fn relate(&mut self) {
+        let least = self.costs.iter().copied().fold(f64::INFINITY, f64::min);
+        self.costs.iter_mut().for_each(|cost| *cost -= least);
+    }
+
     /// What they say about the members at `places` alone: hypotheses that agree about these become
     /// one, of their summed probability. Costs are relative to the best.
     pub(super) fn about(&self, places: &[usize]) -> Self {

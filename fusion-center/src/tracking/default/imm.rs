@@ -58,12 +58,14 @@ impl Imm {
     }
 
     /// The state whatever the way of moving.
+    #[inline]
     pub(super) fn merged(&self) -> Gauss {
         self.ways[0].mixed(&self.ways[1], self.first_share)
     }
 
     /// `(share of the first after the step, share of the first before among those that move in the
     /// first, in the second, way after it)`.
+    #[inline]
     fn shares(&self, steps: &Steps) -> (f64, [f64; 2]) {
         let (p, q) = (self.first_share, 1.0 - self.first_share);
         let first = p * steps.stays[0] + q * (1.0 - steps.stays[1]);
@@ -76,6 +78,7 @@ impl Imm {
     }
 
     /// The state after a step.
+    #[inline]
     pub(super) fn stepped(&self, steps: &Steps) -> Self {
         let (first_share, into) = self.shares(steps);
         let start = |way: usize| self.ways[0].mixed(&self.ways[1], into[way]);
@@ -103,12 +106,14 @@ impl Imm {
     }
 
     /// How well a plot fits each way.
+    #[inline]
     pub(super) fn fits(&self, plot: &Plot) -> [Fit; 2] {
         [self.ways[0].fit(plot), self.ways[1].fit(plot)]
     }
 
     /// The density of a plot that fits the ways so as `(d, w)`, of which it is `w exp(−d/2)`, and the
     /// first's share with it.
+    #[inline]
     pub(super) fn weighed(&self, fits: &[Fit; 2]) -> ((f64, f64), f64) {
         let [a, b] = fits.map(|fit| fit.distance2);
         let less = (-0.5 * (a - b).abs()).exp();
@@ -120,6 +125,7 @@ impl Imm {
     }
 
     /// Takes in a plot that gives the first way `first_share`: see [`Imm::weighed`].
+    #[inline]
     pub(super) fn update(&mut self, plot: &Plot, first_share: f64) {
         self.first_share = first_share;
         self.ways.iter_mut().for_each(|way| way.update(plot));

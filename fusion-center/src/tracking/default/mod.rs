@@ -98,6 +98,13 @@ impl Tracker for DefaultTracker {
         }
     }
 
+    fn forget_settled(&mut self) {
+        self.ended.clear();
+        for target in &mut self.targets {
+            target.forget(target.trunk.len().saturating_sub(1));
+        }
+    }
+
     fn finish(&mut self) {
         self.clusters.clear();
         for target in self.targets.drain(..) {

@@ -126,12 +126,14 @@ impl Row {
     }
 
     /// Where `branch` is if it stood and moved on, if it can have.
+    #[inline]
     fn moved_on(&self, branch: &Branch, config: &DefaultConfig) -> Option<Gauss> {
         let stand = branch.stand.filter(|_| 0.0 < self.moved_on_share)?;
         Some(stand.moved_on(self.dt_s, config))
     }
 
     /// Where plots pass the gate whose variance is at most `variance_m2` in any direction.
+    #[inline]
     pub(super) fn reach(&self, branch: &Branch, variance_m2: f64, config: &DefaultConfig) -> Reach {
         let [first, second] = &self.expected.ways;
         let middle_m = [0, 1].map(|axis| 0.5 * (first.mean[axis] + second.mean[axis]));
@@ -147,6 +149,7 @@ impl Row {
     }
 
     /// What `plot` costs, if it passes the gate and is worth it.
+    #[inline]
     pub(super) fn edge(
         &self,
         branch: &Branch,

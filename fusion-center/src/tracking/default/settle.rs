@@ -70,12 +70,17 @@ fn forget_unnamed(targets: &mut [Target], joint: &mut Hypotheses) {
     }
 }
 
-/// Clusters that are left after a decision: targets with one branch leave, and those that contest no
-/// report with each other go separate ways.
-pub(super) fn split(targets: &[Target], joint: Hypotheses) -> Vec<Hypotheses> {
+/// Puts the clusters that are left after a decision at the end of `into`: targets with one branch
+/// leave, and those that contest no report with each other go separate ways.
+pub(super) fn split(targets: &[Target], mut joint: Hypotheses, into: &mut Vec<Hypotheses>) {
     let target_at = |place: usize| &targets[joint.members[place] as usize];
     let is_open = |place: &usize| 1 < target_at(*place).leaves.len();
     let open: Vec<usize> = (0..joint.members.len()).filter(is_open).collect();
+    if open.len() == 1 && joint.members.len() == 1 {
+        joint.relate();
+        into.push(joint);
+        return;
+    }
     let mut taken: Vec<_> = Vec::new();
     for place in &open {
         taken.extend(target_at(*place).open.reports().map(|report| (report, *place)));
@@ -91,10 +96,11 @@ pub(super) fn split(targets: &[Target], joint: Hypotheses) -> Vec<Hypotheses> {
     let mut parts: Vec<(usize, usize)> =
         open.iter().map(|place| (part_of[*place], *place)).collect();
     parts.sort_unstable();
-    let parts = parts.chunk_by(|a, b| a.0 == b.0);
-    parts
-        .map(|part| joint.about(&part.iter().map(|(_, place)| *place).collect::<Vec<_>>()))
-        .collect()
+    into.extend(
+        parts
+            .chunk_by(|a, b| a.0 == b.0)
+            .map(|part| joint.about(&part.iter().map(|(_, place)| *place).collect::<Vec<_>>())),
+    );
 }
 
 /// Joins the parts of two places.

@@ -61,6 +61,7 @@ impl Target {
     }
 
     /// The best branch.
+    #[inline]
     pub(super) fn leaf(&self) -> &Branch {
         &self.leaves[usize::from(self.best)]
     }
@@ -88,6 +89,7 @@ impl Target {
     }
 
     /// What is shown of it.
+    #[inline]
     pub(super) fn track(&self) -> Track {
         let leaf = self.leaf();
         let state = leaf.shown();
@@ -115,7 +117,7 @@ impl Target {
     ) {
         let later = self.open.look_count() + self.trunk.len();
         let ready = later.saturating_sub(config.smoothing_looks).min(self.trunk.len());
-        if ready == 0 || self.leaf().status == Status::Tentative {
+        if ready < self.batch(config) || self.leaf().status == Status::Tentative {
             return;
         }
         let ways = config.ways();
@@ -137,6 +139,13 @@ impl Target {
         self.forget(ready);
     }
 
+    /// How many moments are settled at once: going back over the later ones costs as much for many as
+    /// for one. The first time it differs from target to target, lest all be due at the same look.
+    fn batch(&self, config: &DefaultConfig) -> usize {
+        let all = config.smoothing_looks.max(1);
+        if self.passes.is_empty() { 1 + short(self.id, all) } else { all }
+    }
+
     /// The smoothed state of the newest moment that is decided.
     fn smoothed_last(&self, ways: &[Way; 2], known: &mut Option<Steps>) -> Gauss {
         let back = self.open.back_from(self.leaf().tip).chain(self.trunk.back());
@@ -152,6 +161,7 @@ impl Target {
     }
 
     /// Forgets the oldest `count` moments of those that are decided.
+    #[inline]
     pub(super) fn forget(&mut self, count: usize) {
         self.trunk.drain(..count.min(self.trunk.len()));
         self.passes.drain(..count.min(self.passes.len()));
@@ -162,6 +172,11 @@ impl Target {
         self.collapse();
         (self.id, self.trunk.into())
     }
+}
+
+/// `id` modulo `count`.
+fn short(id: u64, count: usize) -> usize {
+    usize::try_from(id % count as u64).unwrap_or(0)
 }
 
 fn settled(track: u64, moment: &Moment, smooth: &Gauss) -> Settled {
@@ -203,6 +218,12 @@ impl Ended {
             let Some((_, oldest)) = self.tracks.pop_front() else { return };
             self.count -= oldest.len();
         }
+    }
+
+    /// Forgets all.
+    pub(super) fn clear(&mut self) {
+        self.tracks.clear();
+        self.count = 0;
     }
 
     /// Moves all to the end of `into`, smoothed.

@@ -5,7 +5,7 @@ use rand::RngExt;
 use super::super::{DefaultConfig, DefaultTracker};
 use super::scenes::{EVERYWHERE, Scene, Sensor, Taken, normal, rng, shuffled};
 use super::score::score;
-use crate::tracking::{Coverage, Tracker};
+use crate::tracking::{Coverage, Settled, Tracker};
 
 const SCANS: usize = 30;
 const PERIOD_S: f64 = 5.0;
@@ -104,41 +104,66 @@ fn processor_ms() -> f64 {
     text.split_whitespace().next().map_or(0.0, |word| word.parse::<f64>().unwrap_or(0.0) * 1e-6)
 }
 
-/// Right links in percent, tracks, and milliseconds per look: mean, and least of the later ones.
-fn timed(scene: &Scene, config: &DefaultConfig) -> (f64, usize, f64, f64, f64) {
+/// What following a scene costs and gives.
+struct Followed {
+    links_percent: f64,
+    track_count: usize,
+    /// Of a look whose settled steps nobody wants: in the middle, and the least.
+    look_ms: [f64; 2],
+    /// Of smoothing, on average for a look.
+    settling_ms: f64,
+}
+
+impl Followed {
+    fn of(scene: &Scene, config: &DefaultConfig) -> Self {
+        let mut tracker = DefaultTracker::new(config.clone()).unwrap();
+        let mut looks_ms = Vec::new();
+        for (index, taken) in scene.looks.iter().enumerate() {
+            let start_ms = processor_ms();
+            tracker.look(&taken.look(index)).unwrap();
+            tracker.forget_settled();
+            looks_ms.push(processor_ms() - start_ms);
+        }
+        looks_ms.drain(..5);
+        looks_ms.sort_by(f64::total_cmp);
+        let (settled, settling_ms) = settle(scene, config);
+        let sum = score(scene, &settled);
+        Self {
+            links_percent: 100.0 * sum.link_rate(),
+            track_count: sum.tracks,
+            look_ms: [looks_ms[looks_ms.len() / 2], looks_ms[0]],
+            settling_ms,
+        }
+    }
+}
+
+/// All steps of a scene, and milliseconds that taking them costs for a look.
+fn settle(scene: &Scene, config: &DefaultConfig) -> (Vec<Settled>, f64) {
     let mut tracker = DefaultTracker::new(config.clone()).unwrap();
-    let mut settled = Vec::new();
-    let (mut looks_ms, mut settling_ms) = (Vec::new(), 0.0);
+    let (mut settled, mut settling_ms) = (Vec::new(), 0.0);
     for (index, taken) in scene.looks.iter().enumerate() {
-        let start_ms = processor_ms();
         tracker.look(&taken.look(index)).unwrap();
-        let looked_ms = processor_ms();
+        let start_ms = processor_ms();
         tracker.take_settled(&mut settled);
-        looks_ms.push(looked_ms - start_ms);
-        settling_ms += processor_ms() - looked_ms;
+        settling_ms += processor_ms() - start_ms;
     }
     tracker.finish();
     tracker.take_settled(&mut settled);
-    let sum = score(scene, &settled);
-    looks_ms.drain(..5);
-    looks_ms.sort_by(f64::total_cmp);
-    let (median, least) = (looks_ms[looks_ms.len() / 2], looks_ms[0]);
-    (100.0 * sum.link_rate(), sum.tracks, median, least, settling_ms / SCANS as f64)
+    (settled, settling_ms / scene.looks.len() as f64)
 }
 
 /// The same scene over and over, for a profiler and for comparisons on a machine with other work.
 fn repeat(scene: &Scene, count: usize) {
     let config = DefaultConfig::wide_area();
-    let runs: Vec<_> = (0..count).map(|_| timed(scene, &config)).collect();
-    let links = runs[0].0;
-    let least = |of: fn(&(f64, usize, f64, f64, f64)) -> f64| {
-        runs.iter().map(of).fold(f64::INFINITY, f64::min)
-    };
+    let runs: Vec<_> = (0..count).map(|_| Followed::of(scene, &config)).collect();
+    let links = runs[0].links_percent;
+    let least =
+        |of: fn(&Followed) -> f64| runs.iter().map(of).fold(f64::INFINITY, f64::min);
     println!(
         "links {links:.2} look ms median {:.3} least {:.3} settling {:.3}",
-        least(|run| run.2),
-        least(|run| run.3),
-        least(|run| run.4),
+        least(|run| run.look_ms[0]),
+        least(|run| run.look_ms[1]),
+        least(|run| run.settling_ms),
     );
 }
 
@@ -179,7 +204,9 @@ fn study_roads() {
     for (name, change) in changes {
         let mut config = DefaultConfig::wide_area();
         change(&mut config);
-        let (links, tracks, median, least, _) = timed(&scene, &config);
+        let run = Followed::of(&scene, &config);
+        let [median, least] = run.look_ms;
+        let (links, tracks) = (run.links_percent, run.track_count);
         println!("{name}: roads {links:.2} {tracks} median {median:.2} least {least:.2}");
         for turn in [0.0, 90.0_f64] {
             let sum = super::four::runs(&config, (400.0, turn.to_radians()), 1000..1200);
@@ -199,7 +226,9 @@ fn study_load() {
         ("roads 1000", roads(1000, 7)),
         ("uniform 20000", uniform(20_000, 7)),
     ] {
-        let (links, tracks, median, least, settling) = timed(&scene, &config);
+        let run = Followed::of(&scene, &config);
+        let ([median, least], settling) = (run.look_ms, run.settling_ms);
+        let (links, tracks) = (run.links_percent, run.track_count);
         println!(
             "{name}: links {links:.2} tracks {tracks} look ms median {median:.3} least {least:.3} settling ms {settling:.3}"
         );
