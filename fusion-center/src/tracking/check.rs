@@ -94,22 +94,27 @@ impl Look<'_> {
         plot.strength_db.map_or(Ok(()), |value| self.finite("strength of a plot", value))
     }
 
+    #[inline]
     fn finite(&self, what: &'static str, value: f64) -> Result<(), LookError> {
         self.within(what, value, ..)
     }
 
     /// Refuses what is not allowed, or not finite.
+    #[inline]
     fn within(
         &self,
         what: &'static str,
         value: f64,
         allowed: impl RangeBounds<f64>,
     ) -> Result<(), LookError> {
-        let is_good = value.is_finite() && allowed.contains(&value);
-        is_good.then_some(()).ok_or_else(|| self.unusable(what, value))
+        if value.is_finite() && allowed.contains(&value) {
+            return Ok(());
+        }
+        Err(self.unusable(what, value))
     }
 
     /// The error that refuses this look.
+    #[cold]
     pub(super) fn unusable(&self, what: &'static str, value: impl ToString) -> LookError {
         let (sensor_index, look_index) = (self.sensor_index, self.look_index);
         LookError::Unusable { sensor_index, look_index, what, value: value.to_string() }

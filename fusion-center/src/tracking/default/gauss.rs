@@ -42,6 +42,15 @@ pub(super) struct Gauss {
     pub(super) cov: [f64; 10],
 }
 
+/// The difference of two states.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Apart {
+    mean: [f64; 4],
+    cov: [f64; 10],
+    /// The mean's difference times itself.
+    square: [f64; 10],
+}
+
 /// What a step in time does, alike for both axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Step {
@@ -243,17 +252,27 @@ impl Gauss {
     /// The mixture's mean and covariance, `share` of it being `self`.
     #[inline]
     pub(super) fn mixed(&self, other: &Self, share: f64) -> Self {
-        let (p, q) = (share, 1.0 - share);
-        let off: [f64; 4] = std::array::from_fn(|i| self.mean[i] - other.mean[i]);
-        let mean = std::array::from_fn(|i| p * self.mean[i] + q * other.mean[i]);
-        let mut cov = [0.0; 10];
-        let mut at = 0;
-        for row in 0..4 {
-            for column in row..4 {
-                cov[at] = p * self.cov[at] + q * other.cov[at] + p * q * off[row] * off[column];
-                at += 1;
-            }
-        }
+        other.towards(&self.apart(other), share)
+    }
+
+    /// How far it is from `other`.
+    #[inline]
+    pub(super) fn apart(&self, other: &Self) -> Apart {
+        let mean: [f64; 4] = std::array::from_fn(|i| self.mean[i] - other.mean[i]);
+        let [x, y, u, v] = mean;
+        let square =
+            [x * x, x * y, x * u, x * v, y * y, y * u, y * v, u * u, u * v, v * v];
+        Apart { mean, cov: std::array::from_fn(|i| self.cov[i] - other.cov[i]), square }
+    }
+
+    /// The mixture's mean and covariance, `share` of it being what is so far `apart`.
+    #[inline]
+    pub(super) fn towards(&self, apart: &Apart, share: f64) -> Self {
+        let rest = 1.0 - share;
+        let mean = std::array::from_fn(|i| self.mean[i] + share * apart.mean[i]);
+        let cov = std::array::from_fn(|i| {
+            self.cov[i] + share * (apart.cov[i] + rest * apart.square[i])
+        });
         Self { mean, cov }
     }
 

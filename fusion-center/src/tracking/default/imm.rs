@@ -43,11 +43,11 @@ impl Steps {
 
 impl Steps {
     /// Over `dt_s`: `known` if it is that, which it is afterwards.
-    pub(super) fn of(dt_s: f64, ways: &[Way; 2], known: &mut Option<Self>) -> Self {
-        match known {
-            Some(steps) if steps.dt_s.to_bits() == dt_s.to_bits() => *steps,
-            _ => *known.insert(Self::new(dt_s, ways)),
+    pub(super) fn of<'a>(dt_s: f64, ways: &[Way; 2], known: &'a mut Option<Self>) -> &'a Self {
+        if known.as_ref().is_some_and(|steps| steps.dt_s.to_bits() != dt_s.to_bits()) {
+            *known = None;
         }
+        known.get_or_insert_with(|| Self::new(dt_s, ways))
     }
 }
 
@@ -81,7 +81,8 @@ impl Imm {
     #[inline]
     pub(super) fn stepped(&self, steps: &Steps) -> Self {
         let (first_share, into) = self.shares(steps);
-        let start = |way: usize| self.ways[0].mixed(&self.ways[1], into[way]);
+        let apart = self.ways[0].apart(&self.ways[1]);
+        let start = |way: usize| self.ways[1].towards(&apart, into[way]);
         Self {
             ways: [start(0).stepped(&steps.ways[0]), start(1).stepped(&steps.ways[1])],
             first_share,

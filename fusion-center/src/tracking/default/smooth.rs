@@ -34,7 +34,7 @@ impl Pass {
             return nothing;
         }
         let steps = Steps::of(next.time_s - moment.time_s, ways, known);
-        let (expected, cross) = moment.imm.stepped_with_cross(&steps);
+        let (expected, cross) = moment.imm.stepped_with_cross(steps);
         let covariance = expected.covariance();
         let Some(spread) = covariance.cholesky() else { return nothing };
         let gain = spread.solve(&cross.transpose()).transpose();

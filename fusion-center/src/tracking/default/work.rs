@@ -89,7 +89,7 @@ pub(super) fn short(index: usize) -> u32 {
 fn widest_m2(plot: &Plot) -> f64 {
     let r = &plot.covariance_m2;
     let [half, mean] = [0.5 * (r[(0, 0)] - r[(1, 1)]), 0.5 * (r[(0, 0)] + r[(1, 1)])];
-    mean + half.hypot(r[(0, 1)])
+    mean + (half * half + r[(0, 1)] * r[(0, 1)]).sqrt()
 }
 
 fn may_be_seen(target: &Target, look: &Look<'_>, config: &DefaultConfig) -> bool {
@@ -155,7 +155,7 @@ impl Work {
         let mut is_inside = false;
         for branch in &target.leaves {
             let steps = Steps::of(look.time_s - branch.time_s, ways, &mut self.steps);
-            let mut row = Row::new(branch, &steps, look, config, &mut self.chance);
+            let mut row = Row::new(branch, steps, look, config, &mut self.chance);
             is_inside |= MIN_INSIDE <= row.seen.inside;
             let reach = row.reach(branch, variance_m2, config);
             if self.rows.len().is_multiple_of(ROWS_PER_RADIUS) {
