@@ -6,6 +6,8 @@
 //! outside `±v_min`. The normal distribution function is taken for `1/(1 + exp(−1.702 x))`, which is
 //! within 0.01 of it.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use nalgebra::Vector2;
 
 use crate::tracking::{Area, Look, Platform};
@@ -43,80 +45,130 @@ fn between(low: f64, high: f64, middle: f64, sigma: f64) -> f64 {
     (below(to) - below(from)).max(0.0)
 }
 
-/// Share of a place that is in an area.
-fn share_inside(area: &Area, target: &Gauss) -> f64 {
-    let Area::Sector { origin_m, direction_rad, half_width_rad, min_range_m, max_range_m } = *area
-    else {
-        return 1.0;
-    };
-    let off = Vector2::new(target.mean[0], target.mean[1]) - origin_m;
-    let range = off.norm().max(f64::MIN_POSITIVE);
-    let along = off / range;
-    let sigma = |dx: f64, dy: f64| target.place_variance(dx, dy).max(f64::MIN_POSITIVE).sqrt();
-    let in_range = between(min_range_m, max_range_m, range, sigma(along.x, along.y));
-    if in_range <= 0.0 || std::f64::consts::PI <= half_width_rad {
-        return in_range;
+/// A sector with the sines that every target asks for.
+#[derive(Clone, Copy, Debug)]
+struct Sector {
+    origin_m: Vector2<f64>,
+    /// Along its middle.
+    axis: Vector2<f64>,
+    half_width_rad: f64,
+    /// Cosine and sine of that.
+    side: Vector2<f64>,
+    min_range_m: f64,
+    max_range_m: f64,
+}
+
+/// A look with what all targets ask of it, worked out once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct View<'a> {
+    pub(super) look: &'a Look<'a>,
+    /// None where it covers all.
+    sector: Option<Sector>,
+}
+
+impl Sector {
+    fn of(area: &Area) -> Option<Self> {
+        let Area::Sector { origin_m, direction_rad, half_width_rad, min_range_m, max_range_m } =
+            *area
+        else {
+            return None;
+        };
+        let [axis, side] = [direction_rad, half_width_rad]
+            .map(|angle_rad| Vector2::new(angle_rad.cos(), angle_rad.sin()));
+        Some(Self { origin_m, axis, half_width_rad, side, min_range_m, max_range_m })
     }
-    let (sin, cos) = direction_rad.sin_cos();
-    let angle = (cos * off.y - sin * off.x).atan2(cos * off.x + sin * off.y);
-    let half = half_width_rad * range;
-    in_range * between(-half, half, angle * range, sigma(-along.y, along.x))
+
+    /// `(along, across)` the middle, metres.
+    fn turned(&self, off: Vector2<f64>) -> (f64, f64) {
+        (self.axis.dot(&off), self.axis.x * off.y - self.axis.y * off.x)
+    }
+
+    /// How far a place is outside the nearer side, the line through the corner, metres.
+    fn beyond_side(&self, (along, across): (f64, f64)) -> f64 {
+        across.abs() * self.side.x - along * self.side.y
+    }
+
+    /// Share of a place that is inside.
+    fn share_inside(&self, target: &Gauss) -> f64 {
+        let off = Vector2::new(target.mean[0], target.mean[1]) - self.origin_m;
+        let range = off.norm().max(f64::MIN_POSITIVE);
+        let far = FAR_SIGMAS * target.widest_m2().sqrt();
+        let turned = self.turned(off);
+        let is_amid = self.min_range_m + far < range && range + far < self.max_range_m;
+        // Lines are nearer than arcs, so that nothing at the border is taken for the middle.
+        if is_amid && self.half_width_rad < FRAC_PI_2 && self.beyond_side(turned) < -far {
+            return 1.0;
+        }
+        let along = off / range;
+        let sigma = |dx: f64, dy: f64| target.place_variance(dx, dy).max(f64::MIN_POSITIVE).sqrt();
+        let sigma_m = sigma(along.x, along.y);
+        let in_range = between(self.min_range_m, self.max_range_m, range, sigma_m);
+        if in_range <= 0.0 || PI <= self.half_width_rad {
+            return in_range;
+        }
+        let angle = turned.1.atan2(turned.0);
+        let half = self.half_width_rad * range;
+        in_range * between(-half, half, angle * range, sigma(-along.y, along.x))
+    }
+
+    /// Whether a place is inside or at most `margin_m` outside; never too strict.
+    fn may_hold(&self, place_m: Vector2<f64>, margin_m: f64) -> bool {
+        let off = place_m - self.origin_m;
+        let range = off.norm();
+        if range + margin_m < self.min_range_m || self.max_range_m + margin_m < range {
+            return false;
+        }
+        let is_near = range <= margin_m || FRAC_PI_2 <= self.half_width_rad;
+        is_near || self.beyond_side(self.turned(off)) <= margin_m
+    }
+}
+
+impl<'a> View<'a> {
+    pub(super) fn new(look: &'a Look<'a>) -> Self {
+        Self { look, sector: Sector::of(&look.coverage.area) }
+    }
+
+    /// Whether it covers all.
+    pub(super) fn is_everywhere(&self) -> bool {
+        self.sector.is_none()
+    }
+
+    /// Whether it covers a place or one at most `margin_m` away; never too strict.
+    pub(super) fn may_cover(&self, place_m: Vector2<f64>, margin_m: f64) -> bool {
+        self.sector.is_none_or(|sector| sector.may_hold(place_m, margin_m))
+    }
+
+    /// Share of a target's radial velocity that can be detected.
+    fn share_fast(&self, target: &Gauss) -> f64 {
+        let limit = self.look.coverage.minimum_detectable_m_per_s;
+        let Some((limit, platform)) = limit.zip(self.look.platform) else { return 1.0 };
+        let d = line_of_sight(&platform, Vector2::new(target.mean[0], target.mean[1]));
+        let radial = d.x * target.mean[2] + d.y * target.mean[3];
+        let sigma = target.velocity_variance(d.x, d.y).max(f64::MIN_POSITIVE).sqrt();
+        1.0 - between(-limit, limit, radial, sigma)
+    }
+
+    /// Whether it could show a target that is expected at `target`.
+    pub(super) fn seen(&self, target: impl Fn() -> Gauss) -> Seen {
+        let coverage = &self.look.coverage;
+        if self.is_everywhere() && coverage.minimum_detectable_m_per_s.is_none() {
+            return Seen { inside: 1.0, detected: coverage.detection_probability };
+        }
+        let target = &target();
+        let inside = self.sector.map_or(1.0, |sector| sector.share_inside(target));
+        if inside <= 0.0 {
+            return Seen { inside, detected: 0.0 };
+        }
+        let detected = inside * coverage.detection_probability * self.share_fast(target);
+        Seen { inside, detected }
+    }
 }
 
 /// Horizontal part of the unit vector from a platform to a place.
 pub(super) fn line_of_sight(platform: &Platform, place_m: Vector2<f64>) -> Vector2<f64> {
     let off = place_m - platform.position_m.xy();
-    let slant = off.norm().hypot(platform.position_m.z);
+    let slant = (off.norm_squared() + platform.position_m.z * platform.position_m.z).sqrt();
     if 0.0 < slant { off / slant } else { off }
-}
-
-/// Share of a target's radial velocity that can be detected.
-fn share_fast(look: &Look<'_>, target: &Gauss) -> f64 {
-    let Some((limit, platform)) = look.coverage.minimum_detectable_m_per_s.zip(look.platform)
-    else {
-        return 1.0;
-    };
-    let d = line_of_sight(&platform, Vector2::new(target.mean[0], target.mean[1]));
-    let radial = d.x * target.mean[2] + d.y * target.mean[3];
-    let sigma = target.velocity_variance(d.x, d.y).max(f64::MIN_POSITIVE).sqrt();
-    1.0 - between(-limit, limit, radial, sigma)
-}
-
-/// Whether `look` could show a target that is expected at `target`.
-pub(super) fn seen(look: &Look<'_>, target: impl Fn() -> Gauss) -> Seen {
-    let coverage = &look.coverage;
-    if coverage.area == Area::Everywhere && coverage.minimum_detectable_m_per_s.is_none() {
-        return Seen { inside: 1.0, detected: coverage.detection_probability };
-    }
-    let target = &target();
-    let inside = share_inside(&coverage.area, target);
-    if inside <= 0.0 {
-        return Seen { inside, detected: 0.0 };
-    }
-    let detected = inside * coverage.detection_probability * share_fast(look, target);
-    Seen { inside, detected }
-}
-
-/// Whether a place is inside an area or at most `margin_m` outside; never too strict.
-pub(super) fn may_be_inside(area: &Area, place_m: Vector2<f64>, margin_m: f64) -> bool {
-    let Area::Sector { origin_m, direction_rad, half_width_rad, min_range_m, max_range_m } = *area
-    else {
-        return true;
-    };
-    let off = place_m - origin_m;
-    let range = off.norm();
-    if range + margin_m < min_range_m || max_range_m + margin_m < range {
-        return false;
-    }
-    let (sin, cos) = direction_rad.sin_cos();
-    let along = cos * off.x + sin * off.y;
-    let across = (cos * off.y - sin * off.x).abs();
-    if range <= margin_m || std::f64::consts::FRAC_PI_2 <= half_width_rad {
-        return true;
-    }
-    // Distance from the sector's side, the line through its corner.
-    let (side_sin, side_cos) = half_width_rad.sin_cos();
-    across * side_cos - along * side_sin <= margin_m
 }
 
 #[cfg(test)]
@@ -158,7 +210,7 @@ mod tests {
             let weight = (-0.5 * (a * a + b * b)).exp();
             let place = Vector2::new(target.mean[0] + sigma * a, target.mean[1] + sigma * b);
             all += weight;
-            inside += if may_be_inside(area, place, 0.0) { weight } else { 0.0 };
+            inside += if area.contains(place) { weight } else { 0.0 };
         }
         inside / all
     }
@@ -170,7 +222,7 @@ mod tests {
         for ((x, y), sigma) in places.into_iter().flat_map(|place| [(place, 2.0), (place, 5.0)]) {
             let target = target(x, y, sigma);
             let counted = counted(&sector(), &target, sigma);
-            let share = share_inside(&sector(), &target);
+            let share = Sector::of(&sector()).unwrap().share_inside(&target);
             assert!((share - counted).abs() < TOLERANCE, "{x} {y} {sigma}: {share} {counted}");
             partial += usize::from((0.1..0.9).contains(&counted));
         }
@@ -202,7 +254,7 @@ mod tests {
         for (v, expected) in [(10.0, 0.9), (2.0, 0.9 * 0.0912), (10.0 / 3.0, 0.9 * 0.5)] {
             let mut target = target(0.0, 0.0, 1.0);
             target.mean[3] = v;
-            let detected = seen(&look, || target).detected;
+            let detected = View::new(&look).seen(|| target).detected;
             assert!((detected - expected).abs() < TOLERANCE, "{v}: {detected}");
         }
     }

@@ -260,8 +260,7 @@ impl Gauss {
     pub(super) fn apart(&self, other: &Self) -> Apart {
         let mean: [f64; 4] = std::array::from_fn(|i| self.mean[i] - other.mean[i]);
         let [x, y, u, v] = mean;
-        let square =
-            [x * x, x * y, x * u, x * v, y * y, y * u, y * v, u * u, u * v, v * v];
+        let square = [x * x, x * y, x * u, x * v, y * y, y * u, y * v, u * u, u * v, v * v];
         Apart { mean, cov: std::array::from_fn(|i| self.cov[i] - other.cov[i]), square }
     }
 
@@ -270,9 +269,8 @@ impl Gauss {
     pub(super) fn towards(&self, apart: &Apart, share: f64) -> Self {
         let rest = 1.0 - share;
         let mean = std::array::from_fn(|i| self.mean[i] + share * apart.mean[i]);
-        let cov = std::array::from_fn(|i| {
-            self.cov[i] + share * (apart.cov[i] + rest * apart.square[i])
-        });
+        let cov =
+            std::array::from_fn(|i| self.cov[i] + share * (apart.cov[i] + rest * apart.square[i]));
         Self { mean, cov }
     }
 

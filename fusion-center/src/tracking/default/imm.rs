@@ -57,6 +57,14 @@ impl Imm {
         Self { ways: [start; 2], first_share }
     }
 
+    /// The mean of [`Self::merged`].
+    #[inline]
+    pub(super) fn mean(&self) -> [f64; 4] {
+        let [first, second] = &self.ways;
+        let share = self.first_share;
+        std::array::from_fn(|i| second.mean[i] + share * (first.mean[i] - second.mean[i]))
+    }
+
     /// The state whatever the way of moving.
     #[inline]
     pub(super) fn merged(&self) -> Gauss {

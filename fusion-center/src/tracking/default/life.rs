@@ -1,6 +1,6 @@
 //! Beginnings and ends of tracks, and what is shown and remembered of them.
 
-use crate::tracking::{Look, Status};
+use crate::tracking::Look;
 
 use super::DefaultTracker;
 use super::branch::Branch;
@@ -72,7 +72,7 @@ impl DefaultTracker {
             names[index - 1] == NONE
         }) {
             // Most were never more than tentative, and their memory serves again.
-            if target.leaf().status == Status::Tentative && self.spare.len() < MAX_SPARE_COUNT {
+            if target.is_small() && self.spare.len() < MAX_SPARE_COUNT {
                 self.spare.push(target);
             } else {
                 self.ended.push(target, limit);

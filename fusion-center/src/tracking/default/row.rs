@@ -10,7 +10,7 @@ use crate::tracking::{Look, Plot, Status};
 
 use super::branch::{Branch, MAX_DETECTION};
 use super::config::DefaultConfig;
-use super::coverage::{Seen, seen};
+use super::coverage::{Seen, View};
 use super::gauss::Gauss;
 use super::imm::{Imm, Steps};
 
@@ -21,9 +21,6 @@ const MIN_DETECTION_SHARE: f64 = 0.02;
 /// A branch at the time of a look.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
-    /// Which target; of which of its branches.
-    pub(super) target: u32,
-    pub(super) leaf: u32,
     pub(super) expected: Imm,
     pub(super) seen: Seen,
     /// Probability that it stood until then and moved on, over that it moves and is seen; 0 if it
@@ -72,7 +69,12 @@ pub(super) struct Chance {
 impl Chance {
     /// Of what is detected with the probability `detected`: `known` if that is for it, which it is
     /// afterwards.
-    fn of(detected: f64, look: &Look<'_>, config: &DefaultConfig, known: &mut Option<Self>) -> Self {
+    fn of(
+        detected: f64,
+        look: &Look<'_>,
+        config: &DefaultConfig,
+        known: &mut Option<Self>,
+    ) -> Self {
         if let Some(chance) = known.filter(|of| of.detected.to_bits() == detected.to_bits()) {
             return chance;
         }
@@ -90,14 +92,14 @@ impl Row {
     pub(super) fn new(
         branch: &Branch,
         steps: &Steps,
-        look: &Look<'_>,
+        view: &View<'_>,
         config: &DefaultConfig,
         known: &mut Option<Chance>,
     ) -> Self {
         let expected = branch.imm.stepped(steps);
-        let seen = seen(look, || expected.merged());
-        let best = look.coverage.detection_probability;
-        let chance = Chance::of(seen.detected, look, config, known);
+        let seen = view.seen(|| expected.merged());
+        let best = view.look.coverage.detection_probability;
+        let chance = Chance::of(seen.detected, view.look, config, known);
         let (miss_cost, moved_on_share) = match &branch.stand {
             None => (chance.miss_cost, 0.0),
             Some(stand) => {
@@ -111,8 +113,6 @@ impl Row {
         let moving = branch.stand.map_or(0.0, |stand| (1.0 - stand.share()).ln());
         let is_tentative = branch.status == Status::Tentative;
         Self {
-            target: 0,
-            leaf: 0,
             expected,
             seen,
             moved_on_share,

@@ -49,6 +49,12 @@ impl Target {
         }
     }
 
+    /// Whether it never was more than tentative, and holds no more memory than that takes.
+    pub(super) fn is_small(&self) -> bool {
+        let is_short = self.trunk.capacity() <= BEGINNING && self.leaves.capacity() == 1;
+        is_short && self.leaf().status == Status::Tentative
+    }
+
     /// Another that begins with a branch, in the memory of this one.
     pub(super) fn begin_again(&mut self, id: u64, branch: Branch) {
         self.trunk.clear();

@@ -2,12 +2,15 @@
 //!
 //! All memory is kept from look to look.
 
+use nalgebra::Vector2;
+
 use crate::tracking::assign::{AssignError, Edges, Solver};
 use crate::tracking::gate::{Grid, cell_size_m};
-use crate::tracking::{Area, Look, Plot};
+use crate::tracking::{Look, Plot};
 
+use super::branch::Branch;
 use super::config::{DefaultConfig, Way};
-use super::coverage::may_be_inside;
+use super::coverage::View;
 use super::imm::Steps;
 use super::prices::Prices;
 use super::row::{Chance, Edge, Row};
@@ -92,21 +95,26 @@ fn widest_m2(plot: &Plot) -> f64 {
     mean + (half * half + r[(0, 1)] * r[(0, 1)]).sqrt()
 }
 
-fn may_be_seen(target: &Target, look: &Look<'_>, config: &DefaultConfig) -> bool {
-    if look.coverage.area == Area::Everywhere {
-        return true;
-    }
-    target.leaves.iter().any(|leaf| {
-        let state = leaf.imm.merged();
-        let dt_s = look.time_s - leaf.time_s;
-        let push_m2 = config.lively.push_m2_per_s3 * dt_s.powi(3) / 3.0;
-        let speed_m_per_s = state.velocity_variance(1.0, 0.0) + state.velocity_variance(0.0, 1.0);
-        let sigma_m = (state.widest_m2() + push_m2).sqrt() + dt_s * speed_m_per_s.sqrt();
-        let standing = [state.mean[0], state.mean[1]].into();
-        let moved = standing + nalgebra::Vector2::new(state.mean[2], state.mean[3]) * dt_s;
-        let near = |place| may_be_inside(&look.coverage.area, place, FAR_SIGMAS * sigma_m);
-        near(moved) || leaf.stand.is_some() && near(standing)
-    })
+fn may_be_seen(target: &Target, view: &View<'_>, config: &DefaultConfig) -> bool {
+    view.is_everywhere()
+        || target.leaves.iter().any(|leaf| {
+            let [x, y, u, v] = leaf.imm.mean();
+            let dt_s = view.look.time_s - leaf.time_s;
+            let (standing, moved) = (Vector2::new(x, y), Vector2::new(x + u * dt_s, y + v * dt_s));
+            view.may_cover(moved, 0.0) || {
+                let margin_m = FAR_SIGMAS * spread_m(leaf, dt_s, config);
+                view.may_cover(moved, margin_m)
+                    || leaf.stand.is_some() && view.may_cover(standing, margin_m)
+            }
+        })
+}
+
+/// A standard deviation that the place has after `dt_s` in no direction.
+fn spread_m(leaf: &Branch, dt_s: f64, config: &DefaultConfig) -> f64 {
+    let state = leaf.imm.merged();
+    let push_m2 = config.lively.push_m2_per_s3 * dt_s.powi(3) / 3.0;
+    let speed_m2_per_s2 = state.velocity_variance(1.0, 0.0) + state.velocity_variance(0.0, 1.0);
+    (state.widest_m2() + push_m2).sqrt() + dt_s * speed_m2_per_s2.sqrt()
 }
 
 impl Work {
@@ -122,12 +130,13 @@ impl Work {
         self.wanted.clear();
         self.wanted.resize(look.plots.len(), 0);
         self.chance = None;
+        let view = View::new(look);
         let variance_m2 = look.plots.iter().map(widest_m2).fold(0.0, f64::max);
         self.lay_grid(look, (config.gate_distance2 * variance_m2).sqrt());
         let ways = config.ways();
         for (index, target) in targets.iter().enumerate() {
-            if may_be_seen(target, look, config) {
-                self.expect_of((short(index), target), (look, variance_m2), config, &ways);
+            if may_be_seen(target, &view, config) {
+                self.expect_of((short(index), target), (&view, variance_m2), config, &ways);
             }
         }
     }
@@ -147,15 +156,15 @@ impl Work {
     fn expect_of(
         &mut self,
         (index, target): (u32, &Target),
-        (look, variance_m2): (&Look<'_>, f64),
+        (view, variance_m2): (&View<'_>, f64),
         config: &DefaultConfig,
         ways: &[Way; 2],
     ) {
         let (first_row, first_edge) = (self.rows.len(), self.edges.len());
         let mut is_inside = false;
         for branch in &target.leaves {
-            let steps = Steps::of(look.time_s - branch.time_s, ways, &mut self.steps);
-            let mut row = Row::new(branch, steps, look, config, &mut self.chance);
+            let steps = Steps::of(view.look.time_s - branch.time_s, ways, &mut self.steps);
+            let mut row = Row::new(branch, steps, view, config, &mut self.chance);
             is_inside |= MIN_INSIDE <= row.seen.inside;
             let reach = row.reach(branch, variance_m2, config);
             if self.rows.len().is_multiple_of(ROWS_PER_RADIUS) {
@@ -164,7 +173,7 @@ impl Work {
             row.first_edge = short(self.edges.len());
             let edges = &mut self.edges;
             let asked = self.grid.for_each_within(reach.middle_m, reach.radius_m, |index, _| {
-                edges.extend(row.edge(branch, (short(index), &look.plots[index]), config));
+                edges.extend(row.edge(branch, (short(index), &view.look.plots[index]), config));
             });
             row.end_edge = if asked.is_ok() { short(self.edges.len()) } else { row.first_edge };
             self.rows.push(row);

@@ -157,8 +157,7 @@ fn repeat(scene: &Scene, count: usize) {
     let config = DefaultConfig::wide_area();
     let runs: Vec<_> = (0..count).map(|_| Followed::of(scene, &config)).collect();
     let links = runs[0].links_percent;
-    let least =
-        |of: fn(&Followed) -> f64| runs.iter().map(of).fold(f64::INFINITY, f64::min);
+    let least = |of: fn(&Followed) -> f64| runs.iter().map(of).fold(f64::INFINITY, f64::min);
     println!(
         "links {links:.2} look ms median {:.3} least {:.3} settling {:.3}",
         least(|run| run.look_ms[0]),
