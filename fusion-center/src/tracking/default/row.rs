@@ -27,6 +27,8 @@ pub(super) struct Row {
     /// cannot have stood.
     moved_on_share: f64,
     dt_s: f64,
+    /// The track is not believed yet.
+    pub(super) is_tentative: bool,
     /// What every plot costs more.
     pub(super) bias: f64,
     pub(super) miss_cost: f64,
@@ -117,7 +119,9 @@ impl Row {
             seen,
             moved_on_share,
             dt_s: steps.dt_s,
-            bias: if is_tentative { config.tentative_bias_nats } else { 0.0 },
+            is_tentative,
+            bias: config.plot_bias_nats
+                + if is_tentative { config.tentative_bias_nats } else { 0.0 },
             miss_cost,
             log_ratio: chance.log_ratio + moving,
             first_edge: 0,

@@ -265,7 +265,7 @@ impl Work {
         self.prices.raise(&self.matrix, &self.own);
         for (row, place) in self.shared.iter().enumerate() {
             let touched = &mut self.touched[*place as usize];
-            let is_tentative = 0.0 < self.rows[touched.first_row as usize].bias;
+            let is_tentative = self.rows[touched.first_row as usize].is_tentative;
             let margin = if is_tentative { few } else { most };
             touched.own = self.own[row];
             let price = self.prices.of_rows[row];
