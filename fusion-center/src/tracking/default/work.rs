@@ -26,8 +26,8 @@ const FAR_SIGMAS: f64 = 6.0;
 /// The cells of the grid have the middle of the radii of one in so many rows.
 const ROWS_PER_RADIUS: usize = 8;
 
-/// Whether a target takes a plot that nobody else wants is left open only within so many nats: no
-/// identity depends on it, and the filter forgives one plot.
+/// Whether a target takes a plot that nobody else wants is left open only within so many nats beyond
+/// what the plot is biased by: no identity depends on it, and the filter forgives one plot.
 const ALONE_NATS: f64 = 2.0;
 
 /// A target that a look concerns, and the rows of its branches.
@@ -44,8 +44,8 @@ pub(super) struct Touched {
 
 /// What a target takes.
 enum Wish {
-    /// That plot or none, and by how many nats that is better than the other choice.
-    Alone(u32, f64),
+    /// That plot or none, and whether the other choice is nearly as good.
+    Alone(u32, bool),
     /// It depends on others, or on a choice.
     Shared,
 }
@@ -221,52 +221,51 @@ impl Work {
         self.above.extend(0..short(self.place_of.len()));
         self.first.clear();
         self.first.resize(self.used.len(), NONE);
-        let few = most.min(ALONE_NATS);
         self.shared.clear();
         for place in places {
             let touched = self.touched[place];
-            match self.first_wish(&touched) {
+            match self.first_wish(&touched, most) {
                 Wish::Shared => self.shared.push(short(place)),
-                Wish::Alone(own, margin) => {
-                    let enough = if own == NONE { most } else { few };
-                    (self.touched[place].own, self.touched[place].unclear) =
-                        (own, margin <= enough);
+                Wish::Alone(own, unclear) => {
+                    self.touched[place] = Touched { own, unclear, ..touched };
                 }
             }
         }
-        self.contest_shared(most, few);
+        self.contest_shared(most);
     }
 
     /// What a target takes if nobody else wants its plot, and if it has no other.
-    fn first_wish(&self, touched: &Touched) -> Wish {
+    fn first_wish(&self, touched: &Touched, most: f64) -> Wish {
         let row = &self.rows[touched.first_row as usize];
         match self.edges_of(row) {
             _ if 1 < touched.end_row - touched.first_row => Wish::Shared,
-            [] => Wish::Alone(NONE, f64::INFINITY),
+            [] => Wish::Alone(NONE, false),
             [only] if self.wanted[only.plot as usize] == 1 => {
-                let margin = row.miss_cost - only.cost;
-                let own = if 0.0 < margin { only.plot } else { NONE };
-                Wish::Alone(own, if own == NONE { -margin } else { margin })
+                let ([few, margin], gain) = (margins(row, most), row.miss_cost - only.cost);
+                let takes = 0.0 < gain;
+                Wish::Alone(
+                    if takes { only.plot } else { NONE },
+                    if takes { gain <= few } else { -gain <= margin },
+                )
             }
             _ => Wish::Shared,
         }
     }
 
     /// As [`Self::contest`], for targets in `shared`.
-    fn contest_shared(&mut self, most: f64, few: f64) {
+    fn contest_shared(&mut self, most: f64) {
         // Costs are numbers and plots are named once, so that nothing is refused.
         if self.fill_matrix().is_err() {
             return;
         }
         let solved = self.solver.solve(&self.matrix);
         self.own.clear();
-        self.own
-            .extend((0..self.shared.len()).map(|row| solved.column_of(row).map_or(NONE, short)));
+        let owns = (0..self.shared.len()).map(|row| solved.column_of(row).map_or(NONE, short));
+        self.own.extend(owns);
         self.prices.raise(&self.matrix, &self.own);
         for (row, place) in self.shared.iter().enumerate() {
             let touched = &mut self.touched[*place as usize];
-            let is_tentative = self.rows[touched.first_row as usize].is_tentative;
-            let margin = if is_tentative { few } else { most };
+            let [few, margin] = margins(&self.rows[touched.first_row as usize], most);
             touched.own = self.own[row];
             let price = self.prices.of_rows[row];
             touched.unclear = touched.own != NONE && -price <= few;
@@ -302,6 +301,14 @@ impl Work {
     pub(super) fn group_of(&mut self, target: u32) -> u32 {
         top(&mut self.above, target)
     }
+}
+
+/// Within how many nats it is open whether a row has its plot, and which: `most`, or less.
+fn margins(row: &Row, most: f64) -> [f64; 2] {
+    if row.is_tentative {
+        return [most.min(ALONE_NATS); 2];
+    }
+    [most.min(ALONE_NATS + row.bias), most]
 }
 
 fn top(above: &mut [u32], mut of: u32) -> u32 {
