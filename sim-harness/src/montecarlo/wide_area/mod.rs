@@ -9,7 +9,9 @@ use std::path::Path;
 
 use anyhow::{bail, ensure};
 use clap::ValueEnum;
-use node_agent::gmti::simulate::{PlaceNoise, Preset, SimulatedGmtiConfig, four_targets};
+use node_agent::gmti::simulate::{
+    NoiseConfig, PlaceNoise, Preset, SimulatedGmtiConfig, four_targets, three_targets,
+};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::Serialize;
@@ -75,8 +77,8 @@ pub(crate) struct Flags {
     /// Which experiment.
     #[arg(long, value_enum, default_value = "four-targets")]
     scenario: Scenario,
-    /// Variances of the place on both axes, square metres, for four-targets; 100, 400, 900 and 3300
-    /// if left out.
+    /// Variances of the place on both axes, square metres; if left out 100, 400, 900 and 3300 for
+    /// four-targets, and 8 along and 20 across the line of sight for three-targets.
     #[arg(long = "variance", value_delimiter = ',')]
     variances_m2: Vec<u32>,
     /// Turn the ways by 90 degrees: targets then differ in cross range, not in range.
@@ -130,7 +132,8 @@ impl Experiment {
         let is_count = (1..=MAX_TRIAL_COUNT).contains(&trial_count);
         ensure!(is_count, "--trials is {trial_count}: use 1 to {MAX_TRIAL_COUNT}");
         let is_four = scenario == Scenario::FourTargets;
-        ensure!(is_four || flags.variances_m2.is_empty(), "--variance: only four-targets has it");
+        let has_variances = !flags.variances_m2.is_empty();
+        ensure!(!is_load || !has_variances, "--variance: leave it out with --scenario load");
         ensure!(is_four || !rotated, "--rotated: only four-targets can be turned");
         let has_load_flags = !flags.targets.is_empty() || !flags.spread.is_empty();
         ensure!(is_load || !has_load_flags, "--targets and --spread: add --scenario load");
@@ -142,7 +145,7 @@ impl Experiment {
         entrants.dedup();
         let conditions = match scenario {
             Scenario::Load => Vec::new(),
-            Scenario::ThreeTargets => vec![three()],
+            Scenario::ThreeTargets => three(flags)?,
             Scenario::FourTargets => four(flags)?,
         };
         let loads = if is_load { loads(&flags.targets, &flags.spread)? } else { Vec::new() };
@@ -229,34 +232,55 @@ fn follow(case: &Case, entrant: Entrant, rules: Rules) -> anyhow::Result<Outcome
     Ok(outcome)
 }
 
-fn three() -> Condition {
-    let config = SimulatedGmtiConfig { preset: Preset::ThreeTargets, ..Default::default() };
-    let label = "variances 8 and 20".to_owned();
-    Condition { label, variance_m2: None, config, rules: Rules::Own }
+fn three(flags: &Flags) -> anyhow::Result<Vec<Condition>> {
+    let as_published = Condition {
+        label: "variances 8 and 20".to_owned(),
+        variance_m2: None,
+        config: SimulatedGmtiConfig { preset: Preset::ThreeTargets, ..Default::default() },
+        rules: Rules::Own,
+    };
+    if flags.variances_m2.is_empty() {
+        return Ok(vec![as_published]);
+    }
+    let noise = three_targets().noise;
+    flags.variances_m2.iter().map(|stated| with_variance(*stated, &as_published, noise)).collect()
 }
 
 fn four(flags: &Flags) -> anyhow::Result<Vec<Condition>> {
     let (rotated, stated) = (flags.rotated, &flags.variances_m2[..]);
     let chosen = if stated.is_empty() { &VARIANCES_M2[..] } else { stated };
-    let condition = |variance_m2: &u32| {
-        if !(1..=MAX_VARIANCE_M2).contains(variance_m2) {
-            bail!("--variance is {variance_m2}: use 1 to {MAX_VARIANCE_M2} square metres");
-        }
-        let on_axis_m2 = f64::from(*variance_m2);
-        let place = PlaceNoise::Ground { along_m2: on_axis_m2, across_m2: on_axis_m2 };
-        let mut noise = four_targets().noise;
-        noise.place = place;
-        let config =
-            SimulatedGmtiConfig { noise: Some(noise), rotated, ..SimulatedGmtiConfig::default() };
-        let turned = if rotated { ", rotated" } else { "" };
-        Ok(Condition {
-            label: format!("variance {variance_m2}{turned}"),
-            variance_m2: Some(*variance_m2),
-            config,
-            rules: Rules::Published,
-        })
+    let any = Condition {
+        label: String::new(),
+        variance_m2: None,
+        config: SimulatedGmtiConfig { rotated, ..SimulatedGmtiConfig::default() },
+        rules: Rules::Published,
     };
-    chosen.iter().map(condition).collect()
+    let noise = four_targets().noise;
+    chosen.iter().map(|variance_m2| with_variance(*variance_m2, &any, noise)).collect()
+}
+
+/// The condition with this variance of the place on both axes.
+///
+/// # Errors
+/// If the variance makes no sense.
+fn with_variance(
+    variance_m2: u32,
+    condition: &Condition,
+    noise: NoiseConfig,
+) -> anyhow::Result<Condition> {
+    if !(1..=MAX_VARIANCE_M2).contains(&variance_m2) {
+        bail!("--variance is {variance_m2}: use 1 to {MAX_VARIANCE_M2} square metres");
+    }
+    let on_axis_m2 = f64::from(variance_m2);
+    let place = PlaceNoise::Ground { along_m2: on_axis_m2, across_m2: on_axis_m2 };
+    let noise = Some(NoiseConfig { place, ..noise });
+    let turned = if condition.config.rotated { ", rotated" } else { "" };
+    Ok(Condition {
+        label: format!("variance {variance_m2}{turned}"),
+        variance_m2: Some(variance_m2),
+        config: SimulatedGmtiConfig { noise, ..condition.config.clone() },
+        rules: condition.rules,
+    })
 }
 
 fn loads(counts: &[usize], spreads: &[Spread]) -> anyhow::Result<Vec<(Spread, usize)>> {

@@ -57,7 +57,7 @@ impl Report {
             *figures;
         let is_rotated = result.label.contains("rotated");
         let bounds = match (self.scenario, result.variance_m2, is_rotated) {
-            (Scenario::ThreeTargets, _, _) => vec![
+            (Scenario::ThreeTargets, None, _) => vec![
                 most("RMSE not smoothed, m", filtered_rmse_m, 4.7),
                 Bound { what: "NEES", got: nees_per_dimension, least: 0.9, most: 1.15 },
             ],

@@ -6,7 +6,7 @@ use fusion_center::tracking::{
 };
 use fusion_center::wide::{LookName, OwnedLook};
 use nalgebra::{Matrix4, Vector4};
-use node_agent::gmti::simulate::NoiseConfig;
+use node_agent::gmti::simulate::DetectionConfig;
 
 use super::summary::{Figures, Record};
 use super::*;
@@ -210,7 +210,7 @@ fn nonsense_is_named_with_its_remedy() {
     let complaint = |words: &str| format!("{:#}", experiment(words).err().unwrap());
     assert!(complaint("--trials 0").contains("--trials is 0: use 1 to"));
     assert!(complaint("--variance 0").contains("--variance is 0: use 1 to"));
-    assert!(complaint("--scenario three-targets --variance 100").contains("only four-targets"));
+    assert!(complaint("--scenario load --variance 100").contains("leave it out"));
     assert!(complaint("--scenario three-targets --rotated").contains("only four-targets"));
     assert!(complaint("--targets 5").contains("--scenario load"));
     assert!(complaint("--scenario load --targets 0").contains("--targets is 0: use 1 to"));
@@ -317,6 +317,40 @@ fn turning_targets_are_followed() {
     assert!(ours.filtered_rmse_m.unwrap().value < 5.3);
     assert!((0.8..1.3).contains(&ours.nees_per_dimension.unwrap().value));
     assert_eq!(report.bars().len(), 1);
+}
+
+/// Tracks, times that a target went from one track to another, and plots that are of the target to
+/// which the track belonged at its origin, as a share, of flights past the three targets.
+fn pauses(variance_m2: f64, detection: DetectionConfig, seeds: std::ops::Range<u64>) -> (usize, usize, f64) {
+    let place = PlaceNoise::Ground { along_m2: variance_m2, across_m2: variance_m2 };
+    let flights = seeds.map(|seed| {
+        let config = SimulatedGmtiConfig {
+            seed,
+            preset: Preset::ThreeTargets,
+            noise: Some(NoiseConfig { place, ..three_targets().noise }),
+            detection: Some(detection),
+            ..SimulatedGmtiConfig::default()
+        };
+        let case = Case::new(&config).unwrap();
+        let mut tracker = Entrant::Default.tracker(Rules::Own).unwrap();
+        play(&case, tracker.as_mut(), None).unwrap().tally.links
+    });
+    let links: fusion_center::tracking::links::Links = flights.sum();
+    (links.track_count, links.switch_count, links.identity_rate().unwrap())
+}
+
+#[test]
+#[ignore = "a study"]
+fn study_of_pauses() {
+    for probability in [1.0, 0.95, 0.9, 0.8] {
+        for minimum_m_per_s in [0.05, 1.5, 3.0] {
+            for variance_m2 in [8.0, 100.0, 400.0] {
+                let detection = DetectionConfig { probability, minimum_m_per_s };
+                let got = pauses(variance_m2, detection, 1000..1200);
+                println!("{probability} {minimum_m_per_s} {variance_m2}: {got:?}");
+            }
+        }
+    }
 }
 
 #[test]
