@@ -8,11 +8,12 @@ use proto::ids::NodeId;
 use proto::plots::Scan;
 use proto::wire::{MapReport, MapStatus, MapTrack, packed_covariance};
 use thiserror::Error;
+use tracing::{info, warn};
 
 use super::ground::Ground;
 use super::settings::MapConfig;
 use crate::tracking::{InvalidSetting, LookError, ReportId, Settled, Status, Track, Tracker};
-use crate::wide::{LookName, PlacedTrack, WideConfig};
+use crate::wide::{LookName, PlacedTrack, RadialConvention, SignWatch, Verdict, WideConfig};
 
 /// Looks of each sensor of which it is remembered what their reports were: longer than any lag.
 const REMEMBERED_LOOK_COUNT: usize = 20_000;
@@ -49,6 +50,7 @@ struct Sensor {
     /// The newest looks, up to that before `next_look`.
     looks: VecDeque<Remembered>,
     report_count: usize,
+    sign: SignWatch,
 }
 
 /// What provenance needs of a look.
@@ -100,7 +102,32 @@ impl Follower {
         self.tracker.look(&look.look())?;
         self.ground = Some(ground);
         self.sensors[sensor].remember(Remembered::of(scan));
+        match self.sensors[sensor].sign.take(look.look().time_s, look.look().plots) {
+            Some(Verdict::Reversed) => warn!("{}", self.against(&self.sensors[sensor])),
+            Some(_) => info!(node = %node_of(scan), "targets go as their radial velocities say"),
+            None => {}
+        }
         Ok(())
+    }
+
+    /// What is wrong with sensors whose targets go against their radial velocities.
+    #[must_use]
+    pub fn complaints(&self) -> Vec<String> {
+        let is_reversed = |sensor: &&Sensor| sensor.sign.sign().verdict() == Verdict::Reversed;
+        self.sensors.iter().filter(is_reversed).map(|sensor| self.against(sensor)).collect()
+    }
+
+    fn against(&self, sensor: &Sensor) -> String {
+        let (node, sign) = (&sensor.node, sensor.sign.sign());
+        let remedy = match self.assumed.radial_convention {
+            RadialConvention::Away => "towards",
+            RadialConvention::Towards => "away",
+        };
+        format!(
+            "targets of sensor {node} go against their radial velocities ({} plots say so, {} the \
+             opposite), which spoils the tracks: set wide.assumed.radial_convention = \"{remedy}\"",
+            sign.reversed_count, sign.as_stated_count
+        )
     }
 
     /// Nothing follows: everything that is open is settled.
@@ -191,7 +218,8 @@ impl Follower {
         let known = self.sensors.iter().position(|sensor| sensor.node == *node);
         let index = known.unwrap_or_else(|| {
             let (node, looks) = (node.clone(), VecDeque::new());
-            self.sensors.push(Sensor { node, next_look: 0, looks, report_count: 0 });
+            let sign = SignWatch::default();
+            self.sensors.push(Sensor { node, next_look: 0, looks, report_count: 0, sign });
             self.sensors.len() - 1
         });
         u32::try_from(index).unwrap_or(u32::MAX)

@@ -131,6 +131,31 @@ fn a_car_becomes_a_track_that_knows_its_reports() {
     assert!(follower.source(unknown).is_none());
 }
 
+/// What is said of a sensor that has a car drive away from it at 15 m/s and reports this radial velocity.
+fn complaints(radial_m_per_s: f64, radial_convention: RadialConvention) -> Vec<String> {
+    let assumed = WideConfig { radial_convention, ..MapConfig::default().assumed };
+    let mut follower = Follower::new(&MapConfig { assumed, ..MapConfig::default() }).unwrap();
+    for step in 0..12_u32 {
+        let place = record(40.8, 111.7 + 6e-5 * 12.0 * f64::from(step), 1000.0);
+        let known = Some(radial_m_per_s);
+        let one = DwellReport { radial_m_per_s: known, wrap_m_per_s: None, ..report(place) };
+        let time_unix_s = 100.0 + 4.0 * f64::from(step);
+        let scan = Dwell { revisit_index: step, ..dwell(time_unix_s, vec![one]) };
+        follower.take(&geographic(scan)).unwrap();
+    }
+    follower.complaints()
+}
+
+#[test]
+fn a_sensor_whose_radial_velocities_have_the_other_sign_is_named_with_the_remedy() {
+    assert!(complaints(14.3, RadialConvention::Away).is_empty());
+    assert!(complaints(-14.3, RadialConvention::Towards).is_empty());
+    let said = complaints(-14.3, RadialConvention::Away).join(", ");
+    assert!(said.contains("sensor eye") && said.ends_with("radial_convention = \"towards\""));
+    let back = complaints(14.3, RadialConvention::Towards).join(", ");
+    assert!(back.ends_with("radial_convention = \"away\""), "{back}");
+}
+
 #[test]
 fn what_cannot_be_followed_is_refused_and_costs_nothing() {
     let mut follower = Follower::new(&MapConfig::default()).unwrap();

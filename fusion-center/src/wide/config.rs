@@ -25,7 +25,7 @@ pub struct WideConfig {
     pub cross_sigma_rad: f64,
     /// Standard deviation of radial velocities that state none, metres per second.
     pub radial_sigma_m_per_s: f64,
-    /// In which direction radial velocities are positive.
+    /// In which direction radial velocities are positive. The log says so if targets go against them.
     pub radial_convention: RadialConvention,
     /// Probability that a target in a dwell's area is seen, where not stated.
     pub detection_probability: f64,

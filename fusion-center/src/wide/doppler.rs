@@ -1,18 +1,34 @@
 //! Whether radial velocities have the sign that they should: do targets go where they say?
+//!
+//! Each plot that says a radial velocity is asked at later looks of its sensor: where would it be by
+//! then? It votes for a sign if a plot is there under that sign only; across the line of sight nothing
+//! is expected but that nobody is faster than [`MAX_SPEED_M_PER_S`]. Plots that happen to be there do so
+//! for either sign alike, so that without information the difference of the votes is that of tossed
+//! coins. Plots whose velocity is known only up to less than twice that speed have no vote.
 
-use std::fmt;
+use std::collections::VecDeque;
 
 use nalgebra::Vector2;
 
-use super::look::OwnedLook;
 use crate::tracking::{Plot, Radial};
 
+/// Nobody on the ground is faster, metres per second.
+const MAX_SPEED_M_PER_S: f64 = 40.0;
+/// Over longer times nobody goes straight on, seconds.
+const MAX_GAP_S: f64 = 40.0;
 /// Distances within so many standard deviations agree.
 const AGREE_SIGMAS: f64 = 3.0;
 /// Fewer votes decide nothing.
-const MIN_VOTE_COUNT: u32 = 12;
-/// Votes by chance differ by more than so many standard deviations once in 400 times.
-const DECIDED_SIGMAS: f64 = 3.0;
+const MIN_VOTE_COUNT: u32 = 16;
+/// Tossed coins differ by more than so many standard deviations once in 16,000 times; the votes are
+/// looked at after every look.
+const DECIDED_SIGMAS: f64 = 4.0;
+/// Plots of a look that are asked: votes need no more, and time must have a bound.
+const ASKED_COUNT: usize = 50;
+/// Plots that wait to be asked.
+const KEPT_COUNT: usize = 300;
+/// Pairs of plots after which the sign stays open: a second of work in all.
+const MAX_PAIR_COUNT: usize = 100_000_000;
 
 /// What the plots say of the sign of their radial velocities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,30 +50,48 @@ pub struct DopplerSign {
     pub reversed_count: u32,
 }
 
-/// Every pair of looks of one sensor between `min_gap_s` and `max_gap_s` apart is asked: each plot that
-/// says a radial velocity, where would it be by then? It votes for a sign if a plot of the later look
-/// is there under that sign only; across the line of sight nothing is expected but that nobody is
-/// faster than `max_speed_m_per_s`. Plots that happen to be there do so for either sign alike, so that
-/// without information the difference of the votes is that of tossed coins. Plots whose velocity is
-/// known only up to less than twice that speed have no vote.
-#[must_use]
-pub fn doppler_sign(
-    looks: &[OwnedLook],
-    (min_gap_s, max_gap_s): (f64, f64),
-    max_speed_m_per_s: f64,
-) -> DopplerSign {
-    let mut sign = DopplerSign::default();
-    for (index, first) in looks.iter().enumerate() {
-        let later = looks[index + 1..].iter().filter(|second| {
-            let gap_s = second.time_s - first.time_s;
-            let is_same = second.name.sensor_index == first.name.sensor_index;
-            is_same && (min_gap_s..=max_gap_s).contains(&gap_s)
-        });
-        for second in later {
-            sign.ask(first, second, max_speed_m_per_s);
+/// Watches the looks of one sensor until the sign of its radial velocities is decided.
+#[derive(Clone, Debug, Default)]
+pub struct SignWatch {
+    sign: DopplerSign,
+    /// Plots that are to be asked with their times, seconds, oldest first.
+    kept: VecDeque<(f64, Plot)>,
+    pair_count: usize,
+}
+
+impl SignWatch {
+    /// Takes the next look in order of time; says the verdict at the look that decides it, once.
+    pub fn take(&mut self, time_s: f64, plots: &[Plot]) -> Option<Verdict> {
+        if self.is_over() {
+            return None;
         }
+        while self.kept.front().is_some_and(|(first_s, _)| *first_s + MAX_GAP_S < time_s) {
+            self.kept.pop_front();
+        }
+        for (first_s, plot) in &self.kept {
+            if let Some(expected) = Expected::new(plot, time_s - first_s) {
+                self.sign.ask(&expected, plots);
+                self.pair_count += plots.len();
+            }
+        }
+        let with_velocity = plots.iter().filter(|plot| plot.radial.is_some());
+        self.kept.extend(with_velocity.take(ASKED_COUNT).map(|plot| (time_s, plot.clone())));
+        self.kept.drain(..self.kept.len().saturating_sub(KEPT_COUNT));
+        if self.is_over() {
+            self.kept = VecDeque::new();
+        }
+        Some(self.sign.verdict()).filter(|verdict| *verdict != Verdict::Undecided)
     }
-    sign
+
+    /// The votes so far.
+    #[must_use]
+    pub fn sign(&self) -> DopplerSign {
+        self.sign
+    }
+
+    fn is_over(&self) -> bool {
+        self.sign.verdict() != Verdict::Undecided || MAX_PAIR_COUNT < self.pair_count
+    }
 }
 
 /// Where a plot is expected later, seen along its line of sight over ground.
@@ -73,16 +107,16 @@ struct Expected<'a> {
 }
 
 impl<'a> Expected<'a> {
-    fn new(plot: &'a Plot, gap_s: f64, max_speed_m_per_s: f64) -> Option<Self> {
+    fn new(plot: &'a Plot, gap_s: f64) -> Option<Self> {
         let Radial { velocity_m_per_s, sigma_m_per_s, direction, wrap_m_per_s } = plot.radial?;
-        if wrap_m_per_s.is_some_and(|span| span < 2.0 * max_speed_m_per_s) {
+        if wrap_m_per_s.is_some_and(|span| span < 2.0 * MAX_SPEED_M_PER_S) {
             return None;
         }
         let share = direction.norm();
         let along = direction.try_normalize(f64::MIN_POSITIVE)?;
         let over_ground = velocity_m_per_s / share;
         let spread_m = gap_s * sigma_m_per_s / share;
-        let left = max_speed_m_per_s.powi(2) - over_ground.powi(2);
+        let left = MAX_SPEED_M_PER_S.powi(2) - over_ground.powi(2);
         (0.0 < left).then(|| Self {
             plot,
             along,
@@ -107,21 +141,16 @@ impl<'a> Expected<'a> {
 }
 
 impl DopplerSign {
-    fn ask(&mut self, first: &OwnedLook, second: &OwnedLook, max_speed_m_per_s: f64) {
-        let gap_s = second.time_s - first.time_s;
-        let expected =
-            first.plots.iter().filter_map(|plot| Expected::new(plot, gap_s, max_speed_m_per_s));
-        for one in expected {
-            let found = second.plots.iter().filter_map(|other| one.is_at(other));
-            match found.fold([false; 2], |any, now| [any[0] || now[0], any[1] || now[1]]) {
-                [true, false] => self.as_stated_count = self.as_stated_count.saturating_add(1),
-                [false, true] => self.reversed_count = self.reversed_count.saturating_add(1),
-                _ => {}
-            }
+    fn ask(&mut self, one: &Expected<'_>, later: &[Plot]) {
+        let found = later.iter().filter_map(|other| one.is_at(other));
+        match found.fold([false; 2], |any, now| [any[0] || now[0], any[1] || now[1]]) {
+            [true, false] => self.as_stated_count = self.as_stated_count.saturating_add(1),
+            [false, true] => self.reversed_count = self.reversed_count.saturating_add(1),
+            _ => {}
         }
     }
 
-    /// Decided where the votes differ by more than three standard deviations of tossed coins.
+    /// Decided where the votes differ by more than four standard deviations of tossed coins.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         let count = self.as_stated_count.saturating_add(self.reversed_count);
@@ -132,29 +161,6 @@ impl DopplerSign {
             (false, _) => Verdict::Undecided,
             (true, true) => Verdict::AsStated,
             (true, false) => Verdict::Reversed,
-        }
-    }
-}
-
-impl fmt::Display for DopplerSign {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { as_stated_count, reversed_count } = self;
-        match self.verdict() {
-            Verdict::AsStated => write!(
-                f,
-                "radial velocities are positive away from the sensor: {as_stated_count} plots go \
-                 so, {reversed_count} the other way"
-            ),
-            Verdict::Reversed => write!(
-                f,
-                "radial velocities are positive towards the sensor: {reversed_count} plots go so, \
-                 {as_stated_count} the other way; set radial_convention = \"towards\""
-            ),
-            Verdict::Undecided => write!(
-                f,
-                "the sign of radial velocities is not decided: {as_stated_count} plots speak for \
-                 away, {reversed_count} for towards"
-            ),
         }
     }
 }

@@ -16,6 +16,6 @@ mod look;
 mod tests;
 
 pub use config::{InvalidWide, RadialConvention, WideConfig};
-pub use doppler::{DopplerSign, Verdict, doppler_sign};
+pub use doppler::{DopplerSign, SignWatch, Verdict};
 pub use frame::{LocalFrame, PlacedTrack};
 pub use look::{LookName, OwnedLook, own_look};

@@ -9,6 +9,7 @@ use super::config::DefaultConfig;
 use super::gauss::Gauss;
 use super::imm::Imm;
 use super::row::{Edge, Row};
+use super::stand::Stand;
 
 /// A miss counts in the life of a track if a plot was at least so probable as this share of what the
 /// sensor detects at best.
@@ -20,17 +21,6 @@ pub(super) struct Strength {
     count: f64,
     mean_db: f64,
     squares_db2: f64,
-}
-
-/// A target that may have stopped after it was last seen.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Stand {
-    /// Where it would stand, metres; with [`Stand::cov_m2`], all that [`Gauss::standing`] needs.
-    place_m: [f64; 2],
-    /// Covariance of that, xx, xy, yy.
-    cov_m2: [f64; 3],
-    /// Logarithm of the odds that it stands, against that it moves and was missed.
-    pub(super) log_odds: f64,
 }
 
 /// One look at a target, remembered.
@@ -105,30 +95,6 @@ impl Strength {
         self.squares_db2 = keep * (self.squares_db2 + off * off * self.count / (self.count + 1.0));
         self.count = keep * (self.count + 1.0);
         self.mean_db += off / self.count;
-    }
-}
-
-impl Stand {
-    /// A target that stopped at an unknown moment of the `dt_s` after it was last seen as `last`.
-    fn new(last: &Gauss, dt_s: f64, config: &DefaultConfig) -> Self {
-        let odds = (config.stop_per_s * dt_s).min(0.5);
-        let (place_m, cov_m2) = last.stopped_within(dt_s);
-        Self { place_m, cov_m2, log_odds: odds.ln() }
-    }
-
-    /// Where it would stand.
-    pub(super) fn place(&self) -> Gauss {
-        Gauss::standing(self.place_m, self.cov_m2)
-    }
-
-    /// Probability that it stands.
-    pub(super) fn share(&self) -> f64 {
-        1.0 / (1.0 + (-self.log_odds).exp())
-    }
-
-    /// What is expected if it moved on in the last `dt_s`.
-    pub(super) fn moved_on(&self, dt_s: f64, config: &DefaultConfig) -> Gauss {
-        self.place().started_within(dt_s, config.restart_speed_m_per_s)
     }
 }
 
@@ -209,8 +175,8 @@ impl Branch {
         let share_with_plot;
         (self.imm, share_with_plot) = match moved_on {
             Some(stand) => {
-                let start = stand.moved_on(look.time_s - self.time_s, config);
-                (Imm::new(start, share), share)
+                let start = stand.start_at(plot, look.time_s - self.time_s, config);
+                (Imm::new(start.state, share), share)
             }
             None => (row.expected, edge.first_share),
         };
@@ -255,16 +221,14 @@ impl Branch {
     }
 
     fn may_stop(&mut self, row: &Row, look: &Look<'_>, config: &DefaultConfig) {
-        let unseen = -(1.0 - row.seen.detected.min(MAX_DETECTION)).ln();
+        let dt_s = look.time_s - self.time_s;
         if let Some(stand) = &mut self.stand {
-            stand.log_odds = (stand.log_odds + unseen).min(MAX_STAND_LOG_ODDS);
+            stand.miss((&row.seen, || self.imm.merged()), look, dt_s, config);
             return;
         }
         let can = look.coverage.minimum_detectable_m_per_s.is_some() && 0.0 < config.stop_per_s;
         if can && self.status != Status::Tentative && COUNTS <= row.seen.inside {
-            let mut stand = Stand::new(&self.imm.merged(), look.time_s - self.time_s, config);
-            stand.log_odds += unseen;
-            self.stand = Some(stand);
+            self.stand = Some(Stand::new(&self.imm.merged(), &row.seen, dt_s, config));
         }
     }
 
@@ -295,9 +259,6 @@ impl Branch {
         }
     }
 }
-
-/// A target is never surer than this to stand.
-const MAX_STAND_LOG_ODDS: f64 = 10.0;
 
 /// No sensor is so good that a miss is impossible.
 pub(super) const MAX_DETECTION: f64 = 0.999;

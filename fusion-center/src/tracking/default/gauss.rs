@@ -73,7 +73,6 @@ pub(super) struct Fit {
     pub(super) volume2: f64,
 }
 
-#[cfg(test)]
 impl Fit {
     /// Logarithm of the density of the plot.
     pub(super) fn log_density(&self) -> f64 {
@@ -336,14 +335,19 @@ impl Gauss {
         Self { mean: [place_m[0], place_m[1], 0.0, 0.0], cov }
     }
 
-    /// Where a standing target is that moved on at any moment of the last `dt_s`, with a velocity of
-    /// the standard deviation `speed_m_per_s` on each axis.
-    pub(super) fn started_within(&self, dt_s: f64, speed_m_per_s: f64) -> Self {
+    /// The place, metres, and the covariance xx, xy, yy of that.
+    pub(super) fn place(&self) -> ([f64; 2], [f64; 3]) {
+        ([self.mean[0], self.mean[1]], [self.cov[XX], self.cov[XY], self.cov[YY]])
+    }
+
+    /// Where a standing target is that moved on some time ago, the mean of which is `ago_s` and the mean
+    /// square `ago_s2`, with a velocity of the standard deviation `speed_m_per_s` on each axis.
+    pub(super) fn started(&self, (ago_s, ago_s2): (f64, f64), speed_m_per_s: f64) -> Self {
         let variance = speed_m_per_s * speed_m_per_s;
-        let (xu, xx) = (variance * dt_s / 2.0, variance * dt_s * dt_s / 3.0);
         let mut moved = *self;
-        [moved.cov[XX], moved.cov[YY]] = [self.cov[XX] + xx, self.cov[YY] + xx];
-        [moved.cov[XU], moved.cov[YV]] = [xu, xu];
+        [moved.cov[XX], moved.cov[YY]] =
+            [self.cov[XX] + variance * ago_s2, self.cov[YY] + variance * ago_s2];
+        [moved.cov[XU], moved.cov[YV]] = [variance * ago_s; 2];
         [moved.cov[UU], moved.cov[VV]] = [variance; 2];
         moved
     }

@@ -20,6 +20,7 @@ mod prices;
 mod row;
 mod settle;
 mod smooth;
+mod stand;
 mod target;
 mod work;
 

@@ -13,6 +13,7 @@ use super::config::DefaultConfig;
 use super::coverage::{Seen, View};
 use super::gauss::Gauss;
 use super::imm::{Imm, Steps};
+use super::stand::Stand;
 
 /// A plot is never thought less probable than this share of what the sensor detects at best: borders
 /// of areas and speeds are not known so well.
@@ -129,11 +130,9 @@ impl Row {
         }
     }
 
-    /// Where `branch` is if it stood and moved on, if it can have.
-    #[inline]
-    fn moved_on(&self, branch: &Branch, config: &DefaultConfig) -> Option<Gauss> {
-        let stand = branch.stand.filter(|_| 0.0 < self.moved_on_share)?;
-        Some(stand.moved_on(self.dt_s, config))
+    /// Where `branch` stands, if it can have stood and moved on.
+    fn stand<'a>(&self, branch: &'a Branch) -> Option<&'a Stand> {
+        branch.stand.as_ref().filter(|_| 0.0 < self.moved_on_share)
     }
 
     /// Where plots pass the gate whose variance is at most `variance_m2` in any direction.
@@ -147,8 +146,9 @@ impl Row {
             off + (config.gate_distance2 * (state.widest_m2() + variance_m2)).sqrt()
         };
         let moving = radius(first).max(radius(second));
-        let moved_on = self.moved_on(branch, config);
-        let radius_m = moved_on.map_or(moving, |start| moving.max(radius(&start)));
+        let starts = self.stand(branch).map(|stand| stand.starts(self.dt_s, config));
+        let moved_on = starts.iter().flatten().flatten().map(|start| radius(&start.state));
+        let radius_m = moved_on.fold(moving, f64::max);
         Reach { middle_m, radius_m }
     }
 
@@ -172,9 +172,11 @@ impl Row {
         let fits = self.expected.fits(plot);
         let (of_moving, first_share) = self.expected.weighed(&fits);
         let moving = fits.iter().any(passes).then_some(of_moving);
-        let started = self.moved_on(branch, config).and_then(|start| {
-            let fit = start.fit(plot);
-            passes(&fit).then(|| (fit.distance2, self.moved_on_share / fit.volume2.sqrt()))
+        let started = self.stand(branch).and_then(|stand| {
+            let start = stand.start_at(plot, self.dt_s, config);
+            let fit = start.state.fit(plot);
+            let weight = self.moved_on_share * start.share / fit.volume2.sqrt();
+            passes(&fit).then_some((fit.distance2, weight))
         });
         let ((distance2, weight), moved_on) = match (moving, started) {
             (None, None) => return None,
