@@ -16,8 +16,8 @@ use super::gauss::Gauss;
 
 /// Slope at which the logistic function is nearest to the normal distribution.
 const LOGISTIC: f64 = 1.702;
-/// Farther out, the share is 0 or 1.
-const FAR_SIGMAS: f64 = 6.0;
+/// Farther out than so many standard deviations nothing is expected: shares are 0 or 1.
+pub(super) const FAR_SIGMAS: f64 = 6.0;
 
 /// Whether a look could show a target.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -24,6 +24,8 @@ const MIN_DETECTION_SHARE: f64 = 0.02;
 pub(super) struct Row {
     pub(super) expected: Imm,
     pub(super) seen: Seen,
+    /// The look shows the place where it may stand.
+    pub(super) stands_inside: bool,
     /// Probability that it stood until then and moved on, over that it moves and is seen; 0 if it
     /// cannot have stood.
     moved_on_share: f64,
@@ -118,6 +120,7 @@ impl Row {
         Self {
             expected,
             seen,
+            stands_inside: branch.stand.is_some_and(|stand| stand.is_inside(view.look)),
             moved_on_share,
             dt_s: steps.dt_s,
             is_tentative,

@@ -11,7 +11,7 @@ use crate::tracking::{Look, Plot};
 
 use super::branch::MAX_DETECTION;
 use super::config::DefaultConfig;
-use super::coverage::Seen;
+use super::coverage::{FAR_SIGMAS, Seen, View};
 use super::gauss::Gauss;
 
 /// A target is never surer than this to stand.
@@ -104,9 +104,22 @@ impl Stand {
             self.log_odds += late.ln_1p();
         }
         self.log_odds = (self.log_odds + evidence(seen)).min(MAX_LOG_ODDS);
-        let is_inside = look.coverage.area.contains(Vector2::from(self.place_m));
         let best = look.coverage.detection_probability.min(MAX_DETECTION);
-        self.unseen = self.unseen.missed(dt_s, if is_inside { 1.0 - best } else { 1.0 });
+        let missed = if self.is_inside(look) { 1.0 - best } else { 1.0 };
+        self.unseen = self.unseen.missed(dt_s, missed);
+    }
+
+    /// Whether a look shows its place.
+    pub(super) fn is_inside(&self, look: &Look<'_>) -> bool {
+        look.coverage.area.contains(Vector2::from(self.place_m))
+    }
+
+    /// Whether a look `dt_s` after the last could show it where it stands or moves on; never too strict.
+    pub(super) fn may_be_seen(&self, view: &View<'_>, dt_s: f64, config: &DefaultConfig) -> bool {
+        let widest_m2 = |start: Start| start.state.widest_m2();
+        let starts = self.starts(dt_s, config).into_iter().flatten().map(widest_m2);
+        let margin_m = FAR_SIGMAS * starts.fold(0.0, f64::max).sqrt();
+        view.may_cover(Vector2::from(self.place_m), margin_m)
     }
 
     /// Where it would stand.

@@ -10,7 +10,7 @@ use crate::tracking::{Look, Plot};
 
 use super::branch::Branch;
 use super::config::{DefaultConfig, Way};
-use super::coverage::View;
+use super::coverage::{FAR_SIGMAS, View};
 use super::imm::Steps;
 use super::prices::Prices;
 use super::row::{Chance, Edge, Row};
@@ -20,8 +20,6 @@ use super::target::Target;
 pub(super) const NONE: u32 = u32::MAX;
 /// A target is left alone by a look that covers it with less probability, and has no plot for it.
 const MIN_INSIDE: f64 = 0.01;
-/// A target farther outside the area than so many standard deviations is not looked at.
-const FAR_SIGMAS: f64 = 6.0;
 
 /// The cells of the grid have the middle of the radii of one in so many rows.
 const ROWS_PER_RADIUS: usize = 8;
@@ -100,12 +98,11 @@ fn may_be_seen(target: &Target, view: &View<'_>, config: &DefaultConfig) -> bool
         || target.leaves.iter().any(|leaf| {
             let [x, y, u, v] = leaf.imm.mean();
             let dt_s = view.look.time_s - leaf.time_s;
-            let (standing, moved) = (Vector2::new(x, y), Vector2::new(x + u * dt_s, y + v * dt_s));
-            view.may_cover(moved, 0.0) || {
-                let margin_m = FAR_SIGMAS * spread_m(leaf, dt_s, config);
-                view.may_cover(moved, margin_m)
-                    || leaf.stand.is_some() && view.may_cover(standing, margin_m)
-            }
+            let moved = Vector2::new(x + u * dt_s, y + v * dt_s);
+            // Coasting goes on while one that may have stopped stands where it is.
+            view.may_cover(moved, 0.0)
+                || view.may_cover(moved, FAR_SIGMAS * spread_m(leaf, dt_s, config))
+                || leaf.stand.is_some_and(|stand| stand.may_be_seen(view, dt_s, config))
         })
 }
 
@@ -165,7 +162,7 @@ impl Work {
         for branch in &target.leaves {
             let steps = Steps::of(view.look.time_s - branch.time_s, ways, &mut self.steps);
             let mut row = Row::new(branch, steps, view, config, &mut self.chance);
-            is_inside |= MIN_INSIDE <= row.seen.inside;
+            is_inside |= MIN_INSIDE <= row.seen.inside || row.stands_inside;
             let reach = row.reach(branch, variance_m2, config);
             if self.rows.len().is_multiple_of(ROWS_PER_RADIUS) {
                 self.radii_m.push(reach.radius_m);
