@@ -147,10 +147,7 @@ impl Stand {
 
     fn since(&self, dt_s: f64, config: &DefaultConfig) -> Start {
         let ago = (dt_s / 2.0, dt_s * dt_s / 3.0);
-        Start {
-            state: self.place().started(ago, config.restart_speed_m_per_s),
-            share: 1.0,
-        }
+        Start { state: self.place().started(ago, config.restart_speed_m_per_s), share: 1.0 }
     }
 
     fn before(&self, dt_s: f64, config: &DefaultConfig) -> Option<Start> {

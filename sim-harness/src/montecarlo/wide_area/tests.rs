@@ -321,7 +321,11 @@ fn turning_targets_are_followed() {
 
 /// Tracks, times that a target went from one track to another, and plots that are of the target to
 /// which the track belonged at its origin, as a share, of flights past the three targets.
-fn pauses(variance_m2: f64, detection: DetectionConfig, seeds: std::ops::Range<u64>) -> (usize, usize, f64) {
+fn pauses(
+    variance_m2: f64,
+    detection: DetectionConfig,
+    seeds: std::ops::Range<u64>,
+) -> (usize, usize, f64) {
     let place = PlaceNoise::Ground { along_m2: variance_m2, across_m2: variance_m2 };
     let flights = seeds.map(|seed| {
         let config = SimulatedGmtiConfig {
