@@ -10,6 +10,7 @@ pub mod network;
 pub mod offline;
 pub mod pipeline;
 pub mod registration;
+mod replace;
 pub mod service;
 pub mod simulate;
 pub mod simulate_site;

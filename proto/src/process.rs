@@ -142,13 +142,21 @@ fn end_after_limit() {
 /// Writes text to standard output.
 ///
 /// # Errors
-/// If it cannot be written, for example because a pipe was closed.
+/// If it cannot be written; that a pipe was closed is no error.
 pub fn print(text: &str) -> anyhow::Result<()> {
+    print_on(text).map(|_| ())
+}
+
+/// Writes text to standard output, and says whether anybody reads on: after `head -1` nobody does.
+///
+/// # Errors
+/// If it cannot be written, for another reason than a pipe that was closed.
+pub fn print_on(text: &str) -> anyhow::Result<bool> {
     let mut output = std::io::stdout().lock();
     match output.write_all(text.as_bytes()).and_then(|()| output.flush()) {
         // Whoever reads has seen enough.
-        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        written => written.context("writing the output"),
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(false),
+        written => written.map(|()| true).context("writing the output"),
     }
 }
 

@@ -17,9 +17,16 @@ use tracing::{error, info};
 
 use super::geo::{Past, fix, geo_track};
 use super::reorder::{Offer, Origin, Reorder};
+use super::follower::FollowError;
 use super::{Follower, MapConfig};
 use crate::export::GeoTrack;
 use crate::tracking::{InvalidSetting, Status};
+use crate::wide::MAX_REACH_M;
+
+/// The map moves to another region of the earth when nothing has come from its own for so long, seconds
+/// of the data: as long as the default tracker remembers a target that stands. Otherwise a single dwell
+/// of a wrong place, heard first, would keep all others out for ever.
+const QUIET_REGION_S: f64 = 300.0;
 
 /// What happens.
 #[derive(Debug)]
@@ -153,8 +160,14 @@ impl MapCentre {
         }
         let (boot, sequence, time_unix_s) = (stamp.boot, stamp.sequence, dwell.time_unix_s);
         let origin = Origin { node: node.clone(), boot, sequence };
-        match self.order.offer(arrived, origin, time_unix_s, dwell) {
-            Offer::Kept => {}
+        let offered = self.order.offer(arrived, origin, time_unix_s, dwell);
+        if let Some(refuted_s) = self.order.take_refuted() {
+            self.counts.refused_count += 1;
+            let key = self.keys.key(&Topic::Dwells(node.clone()));
+            self.refusals.count(&key, "leap", &leapt(refuted_s, time_unix_s));
+        }
+        match offered {
+            Offer::Kept | Offer::Held => {}
             Offer::Duplicate => self.counts.duplicate_count += 1,
             Offer::Late => {
                 self.counts.late_count += 1;
@@ -183,10 +196,14 @@ impl MapCentre {
             let (time_unix_s, is_simulated) = (dwell.time_unix_s, dwell.is_simulated);
             let key = self.keys.key(&Topic::Dwells(dwell.node.clone()));
             let report_count = dwell.reports.len() as u64;
-            if let Err(failure) = self.follower.take(&Scan::Geographic(Box::new(dwell))) {
-                self.counts.refused_count += 1;
-                self.refusals.count(&key, "unusable", &failure.to_string());
-                continue;
+            match self.take(time_unix_s, &Scan::Geographic(Box::new(dwell))) {
+                Ok(0) => {}
+                Ok(count) => self.refusals.count(&key, "unplaced", &unplaced(count, time_unix_s)),
+                Err(failure) => {
+                    self.counts.refused_count += 1;
+                    self.refusals.count(&key, "unusable", &failure.to_string());
+                    continue;
+                }
             }
             if self.newest_unix_s.is_none() {
                 info!(%key, time_unix_s, "the first dwell: the map begins");
@@ -200,6 +217,21 @@ impl MapCentre {
         }
         // What is settled is for files; on the map only the present counts.
         self.follower.forget_settled();
+    }
+
+    /// Follows a dwell, in another region if nothing comes from the former any more.
+    fn take(&mut self, time_unix_s: f64, scan: &Scan) -> Result<usize, FollowError> {
+        let taken = self.follower.take(scan);
+        let is_quiet = self.newest_unix_s.is_some_and(|newest| QUIET_REGION_S < time_unix_s - newest);
+        match taken {
+            Err(FollowError::Elsewhere { off_m }) if is_quiet => {
+                info!(off_m, "another region: the map begins anew");
+                self.follower.begin_anew();
+                self.pasts.clear();
+                self.follower.take(scan)
+            }
+            _ => taken,
+        }
     }
 
     /// Keeps the ways of what is shown, and forgets those of what has ended.
@@ -300,6 +332,24 @@ impl MapCentre {
             }
         }
     }
+}
+
+/// Why a dwell of a time far ahead was left out.
+pub(crate) fn leapt(refuted_s: f64, next_s: f64) -> String {
+    format!(
+        "a dwell of {refuted_s} s is left out: the next of its sensor is of {next_s} s, more than an \
+         hour before it; is its date right?"
+    )
+}
+
+/// Why plots of a dwell were left out.
+pub(crate) fn unplaced(count: usize, time_s: f64) -> String {
+    let reach_km = MAX_REACH_M / 1e3;
+    format!(
+        "{count} reports of the dwell of {time_s} s are left out: they are from right under the \
+         sensor, from the other side of the earth, or more than {reach_km} km from where the map \
+         began; are the places of sensor and reports right?"
+    )
 }
 
 #[cfg(test)]

@@ -13,7 +13,9 @@ use tracing::{info, warn};
 use super::ground::Ground;
 use super::settings::MapConfig;
 use crate::tracking::{InvalidSetting, LookError, ReportId, Settled, Status, Track, Tracker};
-use crate::wide::{LookName, PlacedTrack, RadialConvention, SignWatch, Verdict, WideConfig};
+use crate::wide::{
+    LookName, MAX_REACH_M, PlacedTrack, RadialConvention, SignWatch, Verdict, WideConfig,
+};
 
 /// Looks of each sensor of which it is remembered what their reports were: longer than any lag.
 const REMEMBERED_LOOK_COUNT: usize = 20_000;
@@ -34,6 +36,17 @@ pub enum FollowError {
         "the input has plots with latitude and longitude and plots with x and y: split it in two"
     )]
     Mixed,
+    /// It is of another region of the earth.
+    #[error(
+        "its sensor or area is {:.0} km from where the map began, of which {:.0} km are followed: \
+         follow each region by itself, in an input or with a centre of its own",
+        off_m / 1e3,
+        MAX_REACH_M / 1e3
+    )]
+    Elsewhere {
+        /// How far, metres.
+        off_m: f64,
+    },
 }
 
 /// Follows targets through scans.
@@ -86,15 +99,20 @@ impl Follower {
         })
     }
 
-    /// Takes the next scan; times never descend.
+    /// Takes the next scan; times never descend. Gives how many of its plots could not be used: those
+    /// from right under the sensor, or from another region.
     ///
     /// # Errors
     /// If it cannot be used; what is followed is then as it was.
-    pub fn take(&mut self, scan: &Scan) -> Result<(), FollowError> {
+    pub fn take(&mut self, scan: &Scan) -> Result<usize, FollowError> {
         let ground = match self.ground {
             Some(ground) => ground,
             None => Ground::of(scan)?,
         };
+        let off_m = ground.off_m(scan)?;
+        if MAX_REACH_M < off_m {
+            return Err(FollowError::Elsewhere { off_m });
+        }
         let sensor_index = self.sensor_index(node_of(scan));
         let sensor = sensor_index as usize;
         let name = LookName { sensor_index, look_index: self.sensors[sensor].next_look };
@@ -107,7 +125,15 @@ impl Follower {
             Some(_) => info!(node = %node_of(scan), "targets go as their radial velocities say"),
             None => {}
         }
-        Ok(())
+        Ok(scan.plot_count() - look.plot_count())
+    }
+
+    /// Ends all tracks; the next scan says where the map lies. What was settled and not taken is
+    /// forgotten, since its plane is. Ids go on.
+    pub fn begin_anew(&mut self) {
+        self.tracker.finish();
+        self.tracker.forget_settled();
+        self.ground = None;
     }
 
     /// What is wrong with sensors whose targets go against their radial velocities.

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix4, Vector4};
 use proto::geodesy::GeodesyError;
 use proto::plots::Scan;
+use proto::wire::Dwell;
 
 use super::local::{AnyLook, local_look};
 use crate::wide::{LocalFrame, LookName, PlacedTrack, WideConfig, own_look};
@@ -45,6 +46,17 @@ impl Ground {
             (Self::Plane, Scan::Local(local)) => Ok(Some(local_look(local, assumed, name))),
             _ => Ok(None),
         }
+    }
+
+    /// How far from the frame's origin a dwell's sensor or the area that it looks at lies, whichever is
+    /// farther, metres; 0 on a plane.
+    ///
+    /// # Errors
+    /// If one of them is no place.
+    pub(super) fn off_m(&self, scan: &Scan) -> Result<f64, GeodesyError> {
+        let (Self::Earth(frame), Scan::Geographic(dwell)) = (self, scan) else { return Ok(0.0) };
+        let Dwell { sensor, area, .. } = dwell.as_ref();
+        Ok(frame.off_m(sensor)?.max(frame.off_m(&area.center)?))
     }
 
     /// A state of the plane on the earth, for a target at this height above the ellipsoid; `None` on

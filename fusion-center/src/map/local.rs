@@ -25,6 +25,11 @@ pub(super) struct AnyLook {
 }
 
 impl AnyLook {
+    /// How many plots it has.
+    pub(super) fn plot_count(&self) -> usize {
+        self.plots.len()
+    }
+
     /// As trackers take it.
     pub(super) fn look(&self) -> Look<'_> {
         Look {

@@ -9,6 +9,11 @@ use proto::time::CentreTime;
 /// Sequence numbers remembered of each sensor, to know what comes twice.
 const REMEMBERED_COUNT: usize = 4096;
 
+/// A time farther ahead of its sensor's newest than this is not believed until another of about the same
+/// time comes from that sensor, seconds. One wrong date, once believed, would make all that follows late;
+/// dwells follow one another in seconds, and after a longer pause the second is soon there.
+const LEAP_S: f64 = 3600.0;
+
 /// How long is waited, and for whom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patience {
@@ -27,6 +32,8 @@ pub struct Patience {
 pub enum Offer {
     /// It waits for its turn.
     Kept,
+    /// Its time is far ahead of all before: it waits for another of its sensor to agree.
+    Held,
     /// Later ones have gone on already.
     Late,
     /// It came before.
@@ -52,24 +59,31 @@ pub struct Origin {
 /// later: each sensor is taken to send in the order of its times. It also goes on when it has waited
 /// for [`Patience::max_wait`], whatever is missing. At the start, while not all sensors are known,
 /// the first waits for so long in any case.
+///
+/// A sensor's time that leaps ahead by more than an hour counts only once the next one agrees; if that
+/// is back where the sensor was, the leap is dropped: see [`Reorder::take_refuted`].
 #[derive(Clone, Debug)]
 pub struct Reorder<T> {
     patience: Patience,
-    sensors: BTreeMap<NodeId, Sensor>,
+    sensors: BTreeMap<NodeId, Sensor<T>>,
     /// By the time's place in the total order of numbers.
     waiting: BTreeMap<(TotalTime, Origin), Waiting<T>>,
     first_arrival: Option<CentreTime>,
     released_s: Option<f64>,
+    /// The time of a leap that was dropped and not told yet.
+    refuted_s: Option<f64>,
 }
 
 #[derive(Clone, Debug)]
-struct Sensor {
+struct Sensor<T> {
     boot: BootId,
     heard: CentreTime,
     newest_s: f64,
     /// The newest time of its former life: what comes again was taken then.
     former_s: Option<f64>,
     sequences: BTreeSet<u64>,
+    /// What has a time far ahead, until another agrees.
+    held: Option<(f64, Origin, Waiting<T>)>,
 }
 
 #[derive(Clone, Debug)]
@@ -112,6 +126,7 @@ impl<T> Reorder<T> {
             waiting: BTreeMap::new(),
             first_arrival: None,
             released_s: None,
+            refuted_s: None,
         }
     }
 
@@ -127,6 +142,7 @@ impl<T> Reorder<T> {
             newest_s: time_s,
             former_s: None,
             sequences: BTreeSet::new(),
+            held: None,
         };
         let sensor = self.sensors.entry(origin.node.clone()).or_insert_with(new);
         if sensor.boot != origin.boot {
@@ -137,14 +153,41 @@ impl<T> Reorder<T> {
         if !sensor.remember(origin.sequence) {
             return Offer::Duplicate;
         }
+        let waiting = Waiting { arrived, item };
+        let held = sensor.held.take();
+        let is_leap = sensor.newest_s + LEAP_S < time_s;
+        let (agreed, refuted) = match held {
+            Some(one) if is_leap && (one.0 - time_s).abs() <= LEAP_S => (Some(one), None),
+            other => (None, other),
+        };
+        self.refuted_s = refuted.map(|(time_s, ..)| time_s).or(self.refuted_s);
+        if is_leap && agreed.is_none() {
+            sensor.held = Some((time_s, origin, waiting));
+            return Offer::Held;
+        }
+        if let Some((before_s, its_origin, its_waiting)) = agreed {
+            self.admit(before_s, its_origin, its_waiting);
+        }
+        self.admit(time_s, origin, waiting)
+    }
+
+    /// Lets something wait for its turn, unless it is late.
+    fn admit(&mut self, time_s: f64, origin: Origin, waiting: Waiting<T>) -> Offer {
+        let Some(sensor) = self.sensors.get_mut(&origin.node) else { return Offer::Crowded };
         sensor.newest_s = sensor.newest_s.max(time_s);
         let is_again = sensor.former_s.is_some_and(|former_s| time_s <= former_s);
         if is_again || self.released_s.is_some_and(|released_s| time_s < released_s) {
             return Offer::Late;
         }
-        self.first_arrival.get_or_insert(arrived);
-        self.waiting.insert((TotalTime(time_s), origin), Waiting { arrived, item });
+        self.first_arrival.get_or_insert(waiting.arrived);
+        self.waiting.insert((TotalTime(time_s), origin), waiting);
         Offer::Kept
+    }
+
+    /// The time of something that was held and then dropped, since the next of its sensor was back at
+    /// the time before; once for each.
+    pub fn take_refuted(&mut self) -> Option<f64> {
+        self.refuted_s.take()
     }
 
     /// What goes on at `now`, in the order of its times.
@@ -163,8 +206,13 @@ impl<T> Reorder<T> {
         released
     }
 
-    /// Everything that still waits, in the order of its times: nothing else comes.
+    /// Everything that still waits, in the order of its times: nothing else comes, and what was held is
+    /// as good as any.
     pub fn finish(&mut self) -> Vec<T> {
+        let held = self.sensors.values_mut().filter_map(|sensor| sensor.held.take());
+        for (time_s, origin, waiting) in held.collect::<Vec<_>>() {
+            self.admit(time_s, origin, waiting);
+        }
         let rest = std::mem::take(&mut self.waiting);
         if let Some(((time, _), _)) = rest.last_key_value() {
             self.released_s = Some(time.0);
@@ -195,7 +243,7 @@ impl<T> Reorder<T> {
     }
 }
 
-impl Sensor {
+impl<T> Sensor<T> {
     /// False if it is known already, or so old that it may be.
     fn remember(&mut self, sequence: u64) -> bool {
         let is_full = REMEMBERED_COUNT <= self.sequences.len();
@@ -280,6 +328,28 @@ mod tests {
             assert_eq!(order.offer(at(2.4), origin(name, 0), 12.0, ()), Offer::Kept);
         }
         assert_eq!(order.offer(at(2.4), origin("e", 0), 12.0, ()), Offer::Crowded);
+    }
+
+    #[test]
+    fn a_leap_counts_once_another_agrees() {
+        let mut order = Reorder::new(PATIENCE);
+        let mut offer = |number: u64, time_s: f64| {
+            let now = at(10.0 + number as f64);
+            let offered = order.offer(now, origin("a", number), time_s, number);
+            (offered, order.release(now), order.take_refuted())
+        };
+        assert_eq!(offer(0, 1000.0), (Offer::Kept, vec![], None));
+        assert_eq!(offer(2, 1004.0), (Offer::Kept, vec![0, 2], None));
+        // A year ahead, alone: what follows is not late for it.
+        let year_s = 1000.0 + 3.2e7;
+        assert_eq!(offer(3, year_s), (Offer::Held, vec![], None));
+        assert_eq!(offer(4, 1008.0), (Offer::Kept, vec![4], Some(year_s)));
+        // A day later, twice: there was a pause.
+        assert_eq!(offer(5, 87_400.0), (Offer::Held, vec![], None));
+        assert_eq!(offer(6, 87_404.0), (Offer::Kept, vec![5, 6], None));
+        // At the end of the input nothing can speak against it.
+        assert_eq!(offer(7, year_s), (Offer::Held, vec![], None));
+        assert_eq!(order.finish(), [7]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The wide-area side of the centre on the network: a loop of its own, sockets and files.
 
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,8 +13,9 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
-use super::{Clock, state};
+use super::Clock;
 use crate::map::{MapCentre, MapEffect, MapEvent, Messages, OutputConfig, Shown, udp_address};
+use crate::replace;
 
 /// How often the map looks at the time when nothing comes.
 const TICK: Duration = Duration::from_millis(50);
@@ -110,7 +112,7 @@ impl Outputs {
             [("geojson", &config.geojson), ("kml", &config.kml), ("csv", &config.csv)]
         {
             let Some(path) = path else { continue };
-            state::check_writable(path).with_context(|| format!("wide.output.{key}"))?;
+            replace::check_writable(&format!("wide.output.{key}"), path)?;
         }
         Ok(Self {
             messages: Messages::new(config.clone()),
@@ -122,7 +124,13 @@ impl Outputs {
 
     /// Sends and writes what is shown; what fails is told and tried again the next time.
     async fn show(&mut self, shown: &Shown) {
-        if let Err(failure) = self.try_show(shown).await {
+        // Each by itself: a network that is down keeps no file from being written.
+        let done = [
+            self.send_cot(shown).await.context("wide.output.cot"),
+            self.send_cat062(shown).await.context("wide.output.cat062"),
+            self.write(shown).await,
+        ];
+        for failure in done.into_iter().filter_map(Result::err) {
             self.failure_count += 1;
             if self.failure_count.is_power_of_two() {
                 let count = self.failure_count;
@@ -131,21 +139,26 @@ impl Outputs {
         }
     }
 
-    async fn try_show(&mut self, shown: &Shown) -> anyhow::Result<()> {
-        if let Some(sink) = &self.cot {
-            sink.send(&self.messages.cot(shown)?).await.context("wide.output.cot")?;
-        }
-        if let Some(sink) = &self.cat062 {
-            let blocks = self.messages.cat062(shown)?;
-            sink.send(&blocks).await.context("wide.output.cat062")?;
-        }
+    async fn send_cot(&self, shown: &Shown) -> anyhow::Result<()> {
+        let Some(sink) = &self.cot else { return Ok(()) };
+        Ok(sink.send(&self.messages.cot(shown)?).await?)
+    }
+
+    async fn send_cat062(&mut self, shown: &Shown) -> anyhow::Result<()> {
+        let Some(sink) = &self.cat062 else { return Ok(()) };
+        Ok(sink.send(&self.messages.cat062(shown)?).await?)
+    }
+
+    async fn write(&self, shown: &Shown) -> anyhow::Result<()> {
         let files = self.messages.files(shown)?;
         let written = tokio::task::spawn_blocking(move || {
-            files.iter().try_for_each(|(path, text)| {
-                state::write(path, text).with_context(|| format!("writing {}", path.display()))
-            })
+            let write = |(path, text): &(PathBuf, String)| {
+                let done = replace::write(path, text.as_bytes());
+                done.with_context(|| format!("writing {}", path.display())).err()
+            };
+            files.iter().filter_map(write).next_back()
         });
-        written.await.context("writing tracks")?
+        written.await.context("writing tracks")?.map_or(Ok(()), Err)
     }
 }
 
@@ -162,9 +175,12 @@ impl Sink {
     }
 
     async fn send(&self, datagrams: &[Vec<u8>]) -> std::io::Result<()> {
+        let mut done = Ok(());
         for datagram in datagrams {
-            self.socket.send_to(datagram, self.to).await?;
+            // One that does not go keeps no other back.
+            let sent = self.socket.send_to(datagram, self.to).await;
+            done = sent.map(|_| ()).and(done);
         }
-        Ok(())
+        done
     }
 }

@@ -19,6 +19,7 @@ use crate::config::CentreConfig;
 use crate::map::MapCentre;
 use crate::pipeline::{Centre, Combination, Combined, Effect, Event, Job, Solved};
 use crate::registration::{Solver, build};
+use crate::replace;
 
 /// How often the pipeline looks at the time when nothing comes.
 const TICK: Duration = Duration::from_millis(50);
@@ -105,7 +106,7 @@ fn restore(config: &CentreConfig, centre: &mut Centre) -> anyhow::Result<()> {
     if config.state.path.is_empty() {
         return Ok(());
     }
-    state::check_writable(path)?;
+    replace::check_writable("state.path", path)?;
     let Some(text) = state::read(path)? else { return Ok(()) };
     centre.restore(&text).with_context(|| format!("state file {}", path.display()))
 }
@@ -161,7 +162,7 @@ pub async fn serve(
 /// Writes the state file beside the event loop; the centre works on without it.
 async fn save(path: &str, text: String) {
     let named = path.to_owned();
-    let written = tokio::task::spawn_blocking(move || state::write(Path::new(&named), &text));
+    let written = tokio::task::spawn_blocking(move || replace::write(Path::new(&named), text.as_bytes()));
     match written.await {
         Ok(Ok(())) => {}
         Ok(Err(failure)) => warn!(%path, %failure, "state not saved"),

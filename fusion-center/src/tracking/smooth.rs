@@ -12,7 +12,8 @@
 //! ```
 //!
 //! Exact for linear motion with Gaussian noise; a step without measurement has `x_k = x⁻_k`. Units
-//! are those of the states, metres and metres per second for tracks.
+//! are those of the states, metres and metres per second for tracks. Where rounding leaves no covariance
+//! of `P̂_k`, as after a pause of years, what was known then stands.
 
 use nalgebra::{Matrix4, Vector4};
 use thiserror::Error;
@@ -27,6 +28,14 @@ pub struct Belief {
     pub mean: Vector4<f64>,
     /// Its covariance.
     pub covariance: Matrix4<f64>,
+}
+
+impl Belief {
+    /// Whether the mean is finite and the covariance positive definite.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        self.mean.iter().all(|value| value.is_finite()) && self.covariance.cholesky().is_some()
+    }
 }
 
 /// One step of a filter's pass.
@@ -77,5 +86,6 @@ fn back(filtered: &Belief, next: &Pass, later: &Belief) -> Option<Belief> {
     let mean = filtered.mean + gain * (later.mean - next.predicted.mean);
     let change = later.covariance - next.predicted.covariance;
     let covariance = filtered.covariance + gain * change * gain.transpose();
-    Some(Belief { mean, covariance: 0.5 * (covariance + covariance.transpose()) })
+    let smoothed = Belief { mean, covariance: 0.5 * (covariance + covariance.transpose()) };
+    Some(if smoothed.is_sound() { smoothed } else { *filtered })
 }

@@ -4,6 +4,11 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector3, Vector4};
 use proto::geodesy::{EnuFrame, EnuPoint, GeoPosition, GeodesyError};
 use proto::wire::{Dwell, GeoRecord};
 
+/// Places farther from the origin than this, straight through the earth, are not followed, metres. The
+/// earth is 310 km below the plane there, and lengths on it are too short by 1 in 20; beyond a quarter
+/// of the way around it a place in the plane would stand for one on this side of the earth.
+pub const MAX_REACH_M: f64 = 2e6;
+
 /// East and north at a place, with the height of the ground there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalFrame {
@@ -55,6 +60,14 @@ impl LocalFrame {
     pub fn local_m(&self, place: &GeoRecord) -> Result<Vector3<f64>, GeodesyError> {
         let EnuPoint { east_m, north_m, up_m } = self.enu.to_enu(&position(place)?);
         Ok(Vector3::new(east_m, north_m, up_m))
+    }
+
+    /// How far a place is from the origin, straight through the earth, metres.
+    ///
+    /// # Errors
+    /// If it is no place.
+    pub fn off_m(&self, place: &GeoRecord) -> Result<f64, GeodesyError> {
+        Ok(self.local_m(place)?.norm())
     }
 
     /// The place over `(east, north)` at this height above the ellipsoid.

@@ -5,7 +5,7 @@ use proto::geodesy::GeodesyError;
 use proto::wire::{Dwell, DwellReport};
 
 use super::config::{RadialConvention, WideConfig};
-use super::frame::LocalFrame;
+use super::frame::{LocalFrame, MAX_REACH_M};
 use crate::tracking::{Area, Coverage, Look, Platform, Plot, Radial};
 
 /// Square metres of a square kilometre.
@@ -38,7 +38,7 @@ pub struct OwnedLook {
     pub coverage: Coverage,
     /// False plots expected per square metre.
     pub clutter_per_m2: f64,
-    /// What it saw; reports from right under the sensor are left out.
+    /// What it saw; reports from right under the sensor, and from beyond [`MAX_REACH_M`], are left out.
     pub plots: Vec<Plot>,
 }
 
@@ -74,8 +74,10 @@ pub fn own_look(
     let area = area(dwell, &sensor_m, &center_m);
     let mut plots = Vec::with_capacity(dwell.reports.len());
     for report in &dwell.reports {
-        let line_m = frame.local_m(&report.place)? - sensor_m;
-        if MIN_GROUND_SHARE * line_m.norm() < line_m.xy().norm() {
+        let place_m = frame.local_m(&report.place)?;
+        let line_m = place_m - sensor_m;
+        let is_oblique = MIN_GROUND_SHARE * line_m.norm() < line_m.xy().norm();
+        if is_oblique && place_m.norm() <= MAX_REACH_M {
             plots.push(plot(report, &sensor_m, &line_m, config));
         }
     }

@@ -6,7 +6,7 @@
 //!
 //! The plane touches the earth where the first dwell looked; places keep their height beside it. 100 km
 //! from there lengths are wrong by 1 in 8000 and north by half a degree, both of which the way back
-//! undoes.
+//! undoes. What is more than 2,000 km away is not followed: see [`MAX_REACH_M`].
 
 mod config;
 mod doppler;
@@ -17,5 +17,5 @@ mod tests;
 
 pub use config::{InvalidWide, RadialConvention, WideConfig};
 pub use doppler::{DopplerSign, SignWatch, Verdict};
-pub use frame::{LocalFrame, PlacedTrack};
+pub use frame::{LocalFrame, MAX_REACH_M, PlacedTrack};
 pub use look::{LookName, OwnedLook, own_look};

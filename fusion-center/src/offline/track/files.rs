@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use nalgebra::Vector2;
 use proto::geodesy::{EnuFrame, GeoPosition};
 use proto::plots::Scan;
@@ -16,6 +16,7 @@ use crate::export::figure::Map;
 use crate::export::{GeoTrack, Origin, csv, geojson, kml};
 use crate::map::{Ground, Past, fix, geo_track};
 use crate::offline::{COLORS, Layer, Way, picture};
+use crate::replace;
 
 /// Plots kept for the map; those beyond are left out of it.
 const MAX_PLOT_COUNT: usize = 200_000;
@@ -54,21 +55,27 @@ impl Files {
         self.figures.is_some() || self.of_the_earth().iter().any(|(_, path)| path.is_some())
     }
 
-    /// Makes sure before the work that its result can be written.
+    /// Makes sure before the work that its result can be written, and not over the `input` or over one
+    /// another.
     ///
     /// # Errors
-    /// If a folder is missing or cannot be made.
-    pub(super) fn prepare(&self) -> anyhow::Result<()> {
+    /// If it cannot.
+    pub(super) fn prepare(&self, input: &Path) -> anyhow::Result<()> {
         if let Some(folder) = &self.figures {
             std::fs::create_dir_all(folder)
                 .with_context(|| format!("creating --figures {}", folder.display()))?;
         }
+        let mut named: Vec<(&str, PathBuf)> = Vec::new();
         for (flag, path) in self.of_the_earth() {
             let Some(path) = path else { continue };
-            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-            if !folder.is_none_or(Path::is_dir) || path.is_dir() {
-                bail!("{flag} {}: name a file in a folder that exists", path.display());
+            replace::check_writable(flag, path)?;
+            let Ok(place) = place_of(path) else { continue };
+            let is_input = place_of(input).is_ok_and(|input| input == place && input.is_file());
+            ensure!(!is_input, "{flag} {} is the input: name another file", path.display());
+            if let Some((other, _)) = named.iter().find(|(_, known)| *known == place) {
+                bail!("{flag} and {other} are both {}: name two files", path.display());
             }
+            named.push((flag, place));
         }
         Ok(())
     }
@@ -128,7 +135,12 @@ impl Kept {
         if !self.is_wanted {
             return Ok(());
         }
-        let Some(Ground::Earth(frame)) = ground else { return self.write_plane(files) };
+        let frame = match ground {
+            Some(Ground::Earth(frame)) => frame,
+            Some(Ground::Plane) => return self.write_plane(files),
+            // Nothing was followed, for reasons that are told elsewhere.
+            None => return Ok(()),
+        };
         let tracks: Vec<GeoTrack> = self
             .steps
             .values()
@@ -255,6 +267,17 @@ fn asterix(states: &[GeoTrack], messages: &[Message]) -> anyhow::Result<Vec<u8>>
     Ok(bytes)
 }
 
+/// Where a file is or will be, whatever it is called; a device is nowhere.
+fn place_of(path: &Path) -> std::io::Result<PathBuf> {
+    if path.exists() {
+        let found = path.canonicalize()?;
+        return if found.is_file() { Ok(found) } else { Err(std::io::ErrorKind::NotFound.into()) };
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new(".")).canonicalize()?;
+    Ok(folder.join(path.file_name().unwrap_or_default()))
+}
+
 fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    std::fs::write(path, bytes).with_context(|| format!("writing {}", path.display()))
+    replace::write(path, bytes).with_context(|| format!("writing {}", path.display()))
 }

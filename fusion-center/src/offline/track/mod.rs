@@ -27,7 +27,7 @@ use tokio_util::sync::CancellationToken;
 pub use files::Files;
 
 use crate::map::reorder::{Offer, Origin, Reorder};
-use crate::map::{Follower, MapConfig, node_of};
+use crate::map::{Follower, Ground, MapConfig, leapt, node_of, unplaced};
 use files::Kept;
 use step::Step;
 use summary::Summary;
@@ -74,7 +74,7 @@ fn work(
     config: &MapConfig,
     stop: &CancellationToken,
 ) -> anyhow::Result<()> {
-    options.files.prepare()?;
+    options.files.prepare(&options.input)?;
     let (from, bar) = open(&options.input)?;
     let name = options.input.display().to_string();
     let fallback = NodeId::try_from("sensor".to_owned())?;
@@ -87,6 +87,9 @@ fn work(
         }
         let advanced = input.advance(&mut found);
         run.take(&mut found)?;
+        if !run.is_read && !options.files.is_any() {
+            return Ok(());
+        }
         bar.set_message(format!("{} dwells", run.summary.dwell_count));
         match advanced {
             Ok(true) => {}
@@ -127,6 +130,8 @@ struct Run<'a> {
     refusals: Refusals,
     summary: Summary,
     kept: Kept,
+    /// Whether anybody reads what is printed.
+    is_read: bool,
 }
 
 impl<'a> Run<'a> {
@@ -142,6 +147,7 @@ impl<'a> Run<'a> {
             refusals: Refusals::default(),
             summary: Summary::default(),
             kept: Kept::new(&options.files),
+            is_read: true,
         })
     }
 
@@ -159,13 +165,19 @@ impl<'a> Run<'a> {
     fn take_scan(&mut self, scan: Scan) -> anyhow::Result<()> {
         let time_s = scan.time_s();
         let first_s = *self.first_s.get_or_insert(time_s);
-        self.newest_s = self.newest_s.max(time_s);
         let node = node_of(&scan).clone();
-        let now = time_of(self.newest_s - first_s);
+        let arrived = time_of(self.newest_s.max(time_s) - first_s);
         let origin = Origin { node, boot: BootId(0), sequence: self.sequence };
         self.sequence += 1;
-        match self.order.offer(now, origin, time_s, scan) {
-            Offer::Kept | Offer::Duplicate => {}
+        let offered = self.order.offer(arrived, origin, time_s, scan);
+        if offered != Offer::Held {
+            self.newest_s = self.newest_s.max(time_s);
+        }
+        if let Some(refuted_s) = self.order.take_refuted() {
+            self.damaged("leap", &leapt(refuted_s, time_s));
+        }
+        match offered {
+            Offer::Kept | Offer::Held | Offer::Duplicate => {}
             Offer::Late => {
                 let reason = format!(
                     "a dwell of {time_s} s comes more than wide.max_wait_s after later ones: \
@@ -178,14 +190,19 @@ impl<'a> Run<'a> {
                 self.damaged("crowded", reason);
             }
         }
-        let released = self.order.release(now);
+        let released = self.order.release(time_of(self.newest_s - first_s));
         self.follow(&released)
     }
 
     fn follow(&mut self, scans: &[Scan]) -> anyhow::Result<()> {
         for scan in scans {
             match self.follower.take(scan) {
-                Ok(()) => self.summary.count(scan),
+                Ok(left_out) => {
+                    self.summary.count(scan);
+                    if 0 < left_out {
+                        self.damaged("unplaced", &unplaced(left_out, scan.time_s()));
+                    }
+                }
                 Err(refusal) => self.damaged("refused", &refusal.to_string()),
             }
             self.kept.note_plots(scan);
@@ -202,6 +219,7 @@ impl<'a> Run<'a> {
             let heights_m = &mut self.summary.heights_m;
             let step = Step::new(step, &self.follower, heights_m);
             self.summary.take(&step);
+            self.note_unsure(&step);
             if step.is_tentative() && !self.options.tentative {
                 continue;
             }
@@ -211,7 +229,22 @@ impl<'a> Run<'a> {
             }
             self.kept.take(step);
         }
-        if text.is_empty() { Ok(()) } else { process::print(&text) }
+        if !text.is_empty() && self.is_read {
+            self.is_read = process::print_on(&text)?;
+        }
+        Ok(())
+    }
+
+    /// Tells of steps that are printed but not in the files.
+    fn note_unsure(&mut self, step: &Step) {
+        if step.on_map.is_none() && matches!(self.follower.ground(), Some(Ground::Earth(_))) {
+            let reason = format!(
+                "track {} at {} s: too little is known of its place or speed to show it",
+                step.id(),
+                step.time_s()
+            );
+            self.refusals.count(&self.name, "unsure", &reason);
+        }
     }
 
     /// Counts what could not be used, and names it in the log.
@@ -226,7 +259,7 @@ impl<'a> Run<'a> {
         self.follower.finish();
         self.settle()?;
         if self.summary.dwell_count == 0 && self.summary.damage_count() == 0 {
-            bail!("{} holds no dwell", self.name);
+            bail!("{} holds no dwell: name another input; lines end with a line feed", self.name);
         }
         if !self.options.json {
             process::print(&self.summary.table())?;

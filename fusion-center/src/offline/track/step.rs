@@ -61,7 +61,7 @@ pub(crate) struct StepJson {
 /// A step with what the summary and files need of it.
 pub(crate) struct Step {
     pub(crate) line: StepJson,
-    /// On the earth, smoothed; `None` on a plane.
+    /// On the earth, smoothed; `None` on a plane, and where too little is known to show it.
     pub(crate) on_map: Option<MapTrack>,
     /// `(x, y)` of the plane, smoothed, metres.
     pub(crate) at_m: [f64; 2],
@@ -100,6 +100,8 @@ impl Step {
             report: taken,
             report_share: settled.share,
         });
+        // The same as the centre on the network shows.
+        let on_map = on_map.filter(|track| track.check().is_ok());
         let line = StepJson {
             time_s: settled.time_s,
             track: settled.track,

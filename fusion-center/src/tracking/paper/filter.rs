@@ -5,6 +5,7 @@
 //! associated.
 
 use std::f64::consts::TAU;
+use std::ops::SubAssign;
 
 use nalgebra::{Matrix2x4, Matrix4, Vector4};
 
@@ -40,7 +41,8 @@ pub(super) fn coasted(before: &Belief, dt_s: f64, q: f64) -> Pass {
 }
 
 /// What is known with `plot`, and the logarithm of the plot's density before it was seen (per m²);
-/// nothing if the covariance of the innovation is not positive definite.
+/// nothing if rounding leaves no covariance of it. `P = (I − K H) P⁻ (I − K H)ᵀ + K C Kᵀ`
+/// stays one where `P⁻ − K H P⁻` does not, after a long pause.
 pub(super) fn updated(predicted: &Belief, plot: &Plot) -> Option<(Belief, f64)> {
     let Belief { mean, covariance } = predicted;
     let rows: Matrix2x4<f64> = covariance.fixed_view::<2, 4>(0, 0).into_owned();
@@ -48,11 +50,17 @@ pub(super) fn updated(predicted: &Belief, plot: &Plot) -> Option<(Belief, f64)> 
     let factor = spread.cholesky()?;
     let off_m = plot.position_m - mean.fixed_rows::<2>(0);
     let scaled = factor.solve(&off_m);
-    let less = covariance - rows.transpose() * factor.solve(&rows);
+    let gain = factor.solve(&rows).transpose();
+    let mut rest = Matrix4::identity();
+    rest.fixed_columns_mut::<2>(0).sub_assign(&gain);
+    let joseph = rest * covariance * rest.transpose() + gain * plot.covariance_m2 * gain.transpose();
     let filtered = Belief {
         mean: mean + rows.transpose() * scaled,
-        covariance: 0.5 * (less + less.transpose()),
+        covariance: 0.5 * (joseph + joseph.transpose()),
     };
+    if !filtered.is_sound() {
+        return None;
+    }
     let log_density = -0.5 * (off_m.dot(&scaled) + (TAU.powi(2) * spread.determinant()).ln());
     Some((filtered, log_density))
 }

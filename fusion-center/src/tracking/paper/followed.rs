@@ -118,7 +118,9 @@ impl Followed {
         let plot = &look.plots[choice.column];
         let pass = self.coasted(look.time_s, config);
         let predicted = pass.predicted;
-        let (belief, log_density) = filter::updated(&predicted, plot).unwrap_or((predicted, 0.0));
+        // Where rounding has left nothing of what was known, the plot begins it again.
+        let begun = || (filter::first(plot, config.max_speed_m_per_s), 0.0);
+        let (belief, log_density) = filter::updated(&predicted, plot).unwrap_or_else(begun);
         let found = look.coverage.detection_probability.max(MIN_CHANCE);
         self.log_odds +=
             found.ln() + log_density - look.clutter_per_m2.max(MIN_CLUTTER_PER_M2).ln();

@@ -141,3 +141,32 @@ fn a_prediction_of_no_spread_is_refused_by_its_number() {
     let refused = smooth(&passes, &mut Vec::new());
     assert_eq!(refused, Err(NotPositive { step_index: 4 }));
 }
+
+/// A prediction less certain than what follows by 24 orders of magnitude, as after years.
+#[test]
+fn after_years_what_was_known_stands_and_covariances_stay_such() {
+    for dt_s in [1e3, 1e5, 1e7, 1e9] {
+        let mut passes = chain(4).passes;
+        let mut before = passes[2].filtered;
+        for (step, pass) in passes.iter_mut().enumerate().skip(3) {
+            let transition = transition(if step == 3 { dt_s } else { 4.0 });
+            let noise = Matrix4::from_diagonal(&Vector4::new(dt_s.powi(3), dt_s.powi(3), 1.0, 1.0));
+            let noise = if step == 3 { noise } else { Matrix4::identity() };
+            let predicted = Belief {
+                mean: transition * before.mean,
+                covariance: transition * before.covariance * transition.transpose() + noise,
+            };
+            before = known(&predicted);
+            *pass = Pass { transition, predicted, filtered: before };
+        }
+        let mut smoothed = Vec::new();
+        smooth(&passes, &mut smoothed).unwrap();
+        assert!(smoothed.iter().all(Belief::is_sound), "{dt_s} s: {smoothed:?}");
+    }
+}
+
+/// A belief of known spread, whatever was predicted.
+fn known(predicted: &Belief) -> Belief {
+    let covariance = Matrix4::from_diagonal(&Vector4::new(100.0, 100.0, 25.0, 25.0));
+    Belief { mean: predicted.mean, covariance }
+}

@@ -56,3 +56,20 @@ fn the_density_of_a_plot_by_hand() {
     let by_hand = -2.5 - (std::f64::consts::TAU * 25.0).ln();
     assert!((log_density - by_hand).abs() < SAME, "{log_density} {by_hand}");
 }
+
+/// Pauses of ten seconds to thirty years: what is known of the place is at most what the plot says.
+#[test]
+fn a_covariance_stays_one_after_any_pause() {
+    let start = first(&plot(10.0, 20.0), 40.0);
+    for power in 1..=9 {
+        let before = coasted(&start, 10.0_f64.powi(power), 1.0);
+        let seen = plot(31.0, -8.0);
+        let Some((after, log_density)) = updated(&before.predicted, &seen) else { continue };
+        assert!(after.is_sound() && log_density.is_finite(), "10^{power} s: {after:?}");
+        let less = seen.covariance_m2 - after.covariance.fixed_view::<2, 2>(0, 0);
+        let least = less.symmetric_eigenvalues().min();
+        assert!(-1e-3 < least, "10^{power} s: {after:?}");
+    }
+    // A year is a pause that occurs: nothing of it may be given up.
+    assert!(updated(&coasted(&start, 3.2e7, 1.0).predicted, &plot(31.0, -8.0)).is_some());
+}
