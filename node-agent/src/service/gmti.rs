@@ -7,7 +7,6 @@ use proto::plots::{Format, Ingest, Naming, Scan};
 use proto::refusals::Refusals;
 use proto::time::NodeTime;
 use proto::wire::{Dwell, Message, SourceState};
-use tokio::io::AsyncReadExt;
 use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::sync::{broadcast, watch};
 use tokio_util::sync::CancellationToken;
@@ -15,6 +14,7 @@ use tracing::{info, warn};
 
 use super::clock::Clock;
 use super::measure::Progress;
+use super::senders::{Intake, Senders};
 use crate::config::AgentConfig;
 use crate::gmti::{GmtiSource, Next, Played, taken};
 
@@ -25,6 +25,9 @@ const LATE_LIMIT: Duration = Duration::from_secs(5);
 const DATAGRAM_BYTES: usize = 1 << 16;
 /// Pause between attempts to dial.
 const DIAL_PAUSE: Duration = Duration::from_secs(1);
+/// A sender that was dialled and says nothing for this long is dialled again: if it lost its power, its
+/// connection never ends.
+const SILENCE_LIMIT: Duration = Duration::from_secs(60);
 
 /// Takes dwells from the source to the network's queue.
 pub(super) struct Gmti {
@@ -142,14 +145,25 @@ impl Gmti {
         }
     }
 
-    /// One sender after the other.
+    /// All senders that connect.
     async fn take_connections(&mut self, listener: &TcpListener, address: &str) {
         info!(%address, "waiting for a sender");
+        let (mut senders, mut heard) = Senders::new();
         loop {
-            match listener.accept().await {
+            let accepted = tokio::select! {
+                Some(heard) = heard.recv() => {
+                    match heard {
+                        Ok(mut found) => self.take(address, &mut found),
+                        Err(failure) => self.damaged(address, "read", &failure.to_string()),
+                    }
+                    continue;
+                }
+                accepted = listener.accept() => accepted,
+            };
+            match accepted {
                 Ok((stream, from)) => {
                     info!(%from, "a sender has connected");
-                    self.take_stream(stream, address).await;
+                    senders.add(stream, || self.ingest());
                 }
                 Err(failure) => {
                     self.damaged(address, "accept", &failure.to_string());
@@ -160,11 +174,12 @@ impl Gmti {
     }
 
     async fn dial(&mut self, to: std::net::SocketAddr, address: &str) {
+        let mut ingest = self.ingest();
         loop {
             match TcpStream::connect(to).await {
                 Ok(stream) => {
                     info!(%to, "connected to the sender");
-                    self.take_stream(stream, address).await;
+                    ingest = self.take_stream(Intake::new(stream, ingest), address).await;
                 }
                 Err(failure) => warn!(%to, %failure, retry_in = ?DIAL_PAUSE, "no sender there"),
             }
@@ -172,23 +187,22 @@ impl Gmti {
         }
     }
 
-    async fn take_stream(&mut self, mut stream: TcpStream, address: &str) {
-        let (mut ingest, mut buffer) = (self.ingest(), vec![0; DATAGRAM_BYTES]);
+    /// Reads a connection to its end, and gives what is known of dates and jobs.
+    async fn take_stream(&mut self, mut intake: Intake, address: &str) -> Ingest {
         let mut found = Vec::new();
         loop {
-            match stream.read(&mut buffer).await {
-                Ok(0) => break,
-                Ok(count) => ingest.feed(&buffer[..count], &mut found),
-                Err(failure) => {
-                    self.damaged(address, "read", &failure.to_string());
-                    break;
-                }
-            }
+            let advanced = tokio::time::timeout(SILENCE_LIMIT, intake.advance(&mut found)).await;
             self.take(address, &mut found);
+            match advanced {
+                Ok(Ok(true)) => continue,
+                Ok(Ok(false)) => info!(%address, "the sender has left"),
+                Ok(Err(failure)) => self.damaged(address, "read", &failure.to_string()),
+                Err(_) => warn!(%address, after = ?SILENCE_LIMIT, "the sender is silent"),
+            }
+            let ingest = intake.end(&mut found);
+            self.take(address, &mut found);
+            return ingest;
         }
-        ingest.finish(&mut found);
-        self.take(address, &mut found);
-        info!(%address, "the sender has left");
     }
 
     fn ingest(&self) -> Ingest {

@@ -13,6 +13,7 @@ mod live;
 mod measure;
 mod output;
 mod run;
+mod senders;
 mod uplink;
 
 pub use feed::feed;

@@ -104,7 +104,17 @@ impl RowLines {
                 self.header = Some(header(text)?);
                 Ok(None)
             }
-            (LineKind::Csv, Some(columns)) => self.group.take(&csv_row(text, columns)?),
+            (LineKind::Csv, Some(columns)) => match csv_row(text, columns) {
+                Ok(row) => self.group.take(&row),
+                // Files joined end to end, and senders that connect again, name their columns again.
+                Err(fault) => match header(text) {
+                    Ok(columns) => {
+                        self.header = Some(columns);
+                        Ok(None)
+                    }
+                    Err(_) => Err(fault),
+                },
+            },
         }
     }
 

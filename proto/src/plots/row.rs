@@ -316,11 +316,12 @@ fn coordinate(field: &'static str, value_m: f64) -> Result<(), RowFault> {
 fn require(
     good: bool,
     field: &'static str,
-    value: impl std::fmt::Debug,
+    value: impl Into<Option<f64>>,
     expected: &'static str,
 ) -> Result<(), RowFault> {
     if good {
         return Ok(());
     }
-    Err(Invalid { field, value: format!("{value:?}"), expected }.into())
+    let value = value.into().map_or_else(String::new, |value| format!("{value:?}"));
+    Err(Invalid { field, value, expected }.into())
 }

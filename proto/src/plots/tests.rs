@@ -67,6 +67,22 @@ fn rows_of_one_dwell_are_joined_and_empty_dwells_count() {
     assert_eq!((of(0), of(1), of(2)), ((3, 0), (3, 1), (4, 0)));
 }
 
+/// Two files joined end to end, the columns of the second in another order.
+#[test]
+fn columns_may_be_named_again() {
+    let text = "time_s,x_m,y_m\n1,2,3\ny_m,x_m,time_s\n30,20,2\nx_m,y_m,nonsense\n30,20,3\n";
+    let found = read(LineKind::Csv, text.as_bytes(), usize::MAX);
+    let places: Vec<[f64; 2]> = (found.iter().flatten())
+        .map(|scan| match scan {
+            Scan::Local(local) => local.plots[0].at_m,
+            Scan::Geographic(_) => panic!("not on the earth"),
+        })
+        .collect();
+    assert_eq!(places, [[2.0, 3.0], [20.0, 30.0], [20.0, 30.0]]);
+    let bad: Vec<u64> = found.iter().filter_map(|one| one.as_ref().err()).map(|b| b.line).collect();
+    assert_eq!(bad, [5], "a line with a column that is unknown is a bad row");
+}
+
 #[test]
 fn revisits_that_are_not_stated_are_counted_by_sensor() {
     let text = "time_s,sensor,x_m,y_m\n1,a,1,2\n1,b,1,2\n2,a,1,2\n3,a,1,2\n";
