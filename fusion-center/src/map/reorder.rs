@@ -232,7 +232,7 @@ impl<T> Reorder<T> {
         let has_waited = |since: CentreTime| max_wait <= now.since(since);
         let overdue = self.waiting.iter().rev().find(|(_, one)| has_waited(one.arrived));
         let overdue_s = overdue.map(|((time, _), _)| time.0);
-        let is_awaited = |sensor: &&Sensor| now.since(sensor.heard) < silent_after;
+        let is_awaited = |sensor: &&Sensor<T>| now.since(sensor.heard) < silent_after;
         let awaited = self.sensors.values().filter(is_awaited);
         let complete_s = awaited.map(|sensor| sensor.newest_s).reduce(f64::min);
         let complete_s = complete_s.filter(|_| self.first_arrival.is_some_and(has_waited));

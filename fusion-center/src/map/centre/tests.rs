@@ -151,6 +151,63 @@ fn sensors_beyond_the_limit_and_unusable_dwells_are_refused() {
     assert!(one.step(at(9.0), MapEvent::Tick).is_empty(), "nothing is new");
 }
 
+/// On the other side of the earth a place in the plane would stand for one on this side.
+#[test]
+fn another_region_is_refused_and_followed_once_nothing_comes_from_the_first() {
+    let mut centre = centre(MapConfig::default());
+    let elsewhere = |time_s: f64| {
+        let mut one = dwell("b", time_s);
+        for place in [&mut one.sensor, &mut one.area.center, &mut one.reports[0].place] {
+            (place.lat_deg, place.lon_deg) = (-place.lat_deg, place.lon_deg - 180.0);
+        }
+        one
+    };
+    for scan in 0..6_u64 {
+        let time_s = 4.0 * scan as f64;
+        send(&mut centre, time_s, &dwell("a", time_s), scan);
+        send(&mut centre, time_s + 1.0, &elsewhere(time_s + 1.0), scan);
+    }
+    let last = |effects: &[MapEffect]| published(effects).pop().unwrap().tracks;
+    let first = last(&centre.step(at(50.0), MapEvent::Tick));
+    assert!(first.len() == 1 && (first[0].place.lat_deg - 40.8).abs() < 0.01, "{first:?}");
+    assert_eq!(centre.refusals.total("unusable"), 6);
+    let mut told = Vec::new();
+    for scan in 0..6_u64 {
+        let time_s = 500.0 + 4.0 * scan as f64;
+        told.extend(send(&mut centre, time_s, &elsewhere(time_s), 10 + scan));
+    }
+    let second = last(&told);
+    assert!(second.len() == 1 && (second[0].place.lat_deg + 40.8).abs() < 0.01, "{second:?}");
+    assert!((second[0].place.lon_deg + 68.3 - 1.78e-4 * 520.0).abs() < 0.01, "{second:?}");
+    assert_ne!(second[0].id, first[0].id, "ids are never given again");
+}
+
+#[test]
+fn a_single_wrong_date_costs_one_dwell() {
+    let mut centre = centre(MapConfig::default());
+    for scan in 0..10_u64 {
+        let time_s = 4.0 * scan as f64;
+        let wrong = if scan == 4 { 1e8 } else { 0.0 };
+        let mut one = dwell("a", time_s);
+        one.time_unix_s += wrong;
+        send(&mut centre, time_s, &one, scan);
+    }
+    let last = published(&centre.finish(at(60.0))).pop().unwrap();
+    assert_eq!((last.counts.dwell_count, last.counts.late_count), (9, 0));
+    assert_eq!((last.counts.refused_count, centre.refusals.total("leap")), (1, 1));
+    assert_eq!(last.tracks.len(), 1);
+}
+
+#[test]
+fn reports_of_no_use_are_told() {
+    let mut centre = centre(MapConfig::default());
+    let mut under = dwell("a", 0.0);
+    under.reports[0].place = GeoRecord { height_m: 1000.0, ..under.sensor };
+    send(&mut centre, 0.0, &under, 0);
+    centre.finish(at(9.0));
+    assert_eq!((centre.refusals.total("unplaced"), centre.counts().dwell_count), (1, 1));
+}
+
 #[test]
 fn the_same_events_give_the_same_bytes() {
     let run = || {

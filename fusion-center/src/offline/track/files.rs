@@ -51,7 +51,7 @@ impl Files {
         ]
     }
 
-    fn is_any(&self) -> bool {
+    pub(super) fn is_any(&self) -> bool {
         self.figures.is_some() || self.of_the_earth().iter().any(|(_, path)| path.is_some())
     }
 

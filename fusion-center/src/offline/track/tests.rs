@@ -145,12 +145,45 @@ async fn what_goes_wrong_is_named_with_its_remedy() {
     assert!(said("hello\n", TrackOptions::default()).await.contains("one of them: line 1"));
     let files = Files { kml: Some(folder.path().join("none/t.kml")), ..Files::default() };
     let missing = said(&two_cars(3), TrackOptions { files, ..json() }).await;
-    assert!(missing.contains("--kml") && missing.contains("folder that exists"), "{missing}");
+    assert!(missing.contains("--kml") && missing.contains("create it"), "{missing}");
     let with_cot = Files { cot: Some(folder.path().join("t.cot")), ..Files::default() };
     let nowhere = said(&two_cars(10), TrackOptions { files: with_cot, ..json() }).await;
     assert!(nowhere.contains("--cot: plots on a plane"), "{nowhere}");
+    let over = Files { csv: Some(folder.path().join("plots.csv")), ..Files::default() };
+    let input = said(&two_cars(3), TrackOptions { files: over, ..json() }).await;
+    assert!(input.contains("--csv") && input.contains("is the input"), "{input}");
+    let same = Some(folder.path().join("t.out"));
+    let twice = Files { kml: same.clone(), cot: same, ..Files::default() };
+    let both = said(&two_cars(3), TrackOptions { files: twice, ..json() }).await;
+    assert!(both.contains("--cot and --kml are both"), "{both}");
+    let kml = Files { kml: Some(folder.path().join("t.kml")), ..Files::default() };
+    let nothing = said("time_s,x_m,y_m\nx,y,z\n", TrackOptions { files: kml, ..json() }).await;
+    assert!(nothing.contains("line 2: time_s is \"x\""), "what is wrong, not a plane: {nothing}");
     let stop = CancellationToken::new();
     let options = TrackOptions { input: "no-such.4607".into(), ..TrackOptions::default() };
     let absent = track(options, MapConfig::default(), &stop).await.unwrap_err();
     assert!(format!("{absent:#}").contains("no-such.4607"));
+}
+
+/// A year between two looks: whatever a tracker makes of it, files are written.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_pause_of_a_year_costs_no_file() {
+    use crate::tracking::{TrackerKind, TrackingConfig};
+    let rows = two_cars_on_the_earth(12);
+    let late = two_cars_on_the_earth(12).replace("17000000", "17320000");
+    let text = rows + late.split_once('\n').unwrap().1;
+    for kind in [TrackerKind::Default, TrackerKind::Paper, TrackerKind::Nn, TrackerKind::Belief] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| Some(folder.path().join(name));
+        let [geojson, kml, csv] = ["t.geojson", "t.kml", "t.csv"].map(path);
+        let [cat062, cot] = ["t.cat062", "t.cot"].map(path);
+        let files = Files { geojson, kml, csv, cat062, cot, figures: path("figures") };
+        let input = folder.path().join("plots.csv");
+        std::fs::write(&input, &text).unwrap();
+        let tracking = TrackingConfig { kind, ..TrackingConfig::default() };
+        let config = MapConfig { tracking, ..MapConfig::default() };
+        let options = TrackOptions { input, json: true, files, ..TrackOptions::default() };
+        track(options, config, &CancellationToken::new()).await.unwrap();
+        assert!(folder.path().join("t.cot").is_file() && folder.path().join("t.cat062").is_file());
+    }
 }
