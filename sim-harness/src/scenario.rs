@@ -246,7 +246,8 @@ pub fn find(name: &str) -> anyhow::Result<Scenario> {
     if let Some((name, text)) = SHIPPED.iter().find(|(known, _)| *known == name) {
         return parse(text, name);
     }
-    let known: Vec<&str> = SHIPPED.iter().map(|(known, _)| *known).collect();
+    let known: Vec<&str> =
+        SHIPPED.iter().map(|(known, _)| *known).chain([crate::wide_area::SHIPPED.0]).collect();
     let text = std::fs::read_to_string(name).with_context(|| {
         format!("{name:?} is neither a shipped scenario ({}) nor a readable file", known.join(", "))
     })?;

@@ -15,9 +15,9 @@ use proto::time::CentreTime;
 use proto::wire::{Dwell, MapCounts, MapTrack, MapTracks, Received, Stamp, decode, encode};
 use tracing::{error, info};
 
+use super::follower::FollowError;
 use super::geo::{Past, fix, geo_track};
 use super::reorder::{Offer, Origin, Reorder};
-use super::follower::FollowError;
 use super::{Follower, MapConfig};
 use crate::export::GeoTrack;
 use crate::tracking::{InvalidSetting, Status};
@@ -222,7 +222,8 @@ impl MapCentre {
     /// Follows a dwell, in another region if nothing comes from the former any more.
     fn take(&mut self, time_unix_s: f64, scan: &Scan) -> Result<usize, FollowError> {
         let taken = self.follower.take(scan);
-        let is_quiet = self.newest_unix_s.is_some_and(|newest| QUIET_REGION_S < time_unix_s - newest);
+        let is_quiet =
+            self.newest_unix_s.is_some_and(|newest| QUIET_REGION_S < time_unix_s - newest);
         match taken {
             Err(FollowError::Elsewhere { off_m }) if is_quiet => {
                 info!(off_m, "another region: the map begins anew");

@@ -16,8 +16,8 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use centre::{leapt, unplaced};
 pub use centre::{MapCentre, MapEffect, MapEvent, Shown};
+pub(crate) use centre::{leapt, unplaced};
 pub(crate) use follower::node_of;
 pub use follower::{FollowError, Follower, Source, map_status};
 pub use geo::{Past, fix, geo_track};

@@ -71,6 +71,13 @@ impl OutputConfig {
                 return Some(format!("wide.output.{name} is {text:?}: {remedy}"));
             }
         }
+        let files = [("geojson", &self.geojson), ("kml", &self.kml), ("csv", &self.csv)];
+        for (index, (name, path)) in files.iter().enumerate() {
+            let same = |(_, other): &&(_, _)| path.is_some() && path == other;
+            if let Some((other, _)) = files[..index].iter().find(same) {
+                return Some(format!("wide.output.{name} is that of {other}: name two files"));
+            }
+        }
         None
     }
 

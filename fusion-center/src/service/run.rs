@@ -162,7 +162,8 @@ pub async fn serve(
 /// Writes the state file beside the event loop; the centre works on without it.
 async fn save(path: &str, text: String) {
     let named = path.to_owned();
-    let written = tokio::task::spawn_blocking(move || replace::write(Path::new(&named), text.as_bytes()));
+    let written =
+        tokio::task::spawn_blocking(move || replace::write(Path::new(&named), text.as_bytes()));
     match written.await {
         Ok(Ok(())) => {}
         Ok(Err(failure)) => warn!(%path, %failure, "state not saved"),

@@ -117,8 +117,7 @@ mod tests {
 
     use super::*;
 
-    const HEAD: &str =
-        "time_s,lat_deg,lon_deg,sensor_lat_deg,sensor_lon_deg,sensor_height_m\n";
+    const HEAD: &str = "time_s,lat_deg,lon_deg,sensor_lat_deg,sensor_lon_deg,sensor_height_m\n";
 
     fn new() -> Ingest {
         Ingest::new(Format::Csv, Naming::Fixed("eye".parse().unwrap()))
@@ -144,7 +143,9 @@ mod tests {
             hung.push(stuck);
             let mut good = TcpStream::connect(at).await.unwrap();
             senders.add(listener.accept().await.unwrap().0, new);
-            good.write_all(format!("{HEAD}{number},40,110,41,110,9000\n").as_bytes()).await.unwrap();
+            good.write_all(format!("{HEAD}{number},40,110,41,110,9000\n").as_bytes())
+                .await
+                .unwrap();
             drop(good);
             let mut times_s = next(&mut heard).await;
             while times_s.is_empty() {

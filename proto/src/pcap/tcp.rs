@@ -25,7 +25,7 @@ pub struct TcpStream {
 }
 
 impl TcpStream {
-    /// The bytes that are in order with this piece; empty while some before it are missing, and
+    /// The bytes that are in order with this piece, those after a gap that was given up alone; empty while some before it are missing, and
     /// for what is no TCP.
     pub fn push(&mut self, content: &Content) -> Vec<u8> {
         let Content::Tcp { sequence, starts, bytes } = content else { return Vec::new() };
@@ -50,14 +50,19 @@ impl TcpStream {
         self.lost_count
     }
 
+    /// No more pieces will come: gives up the next gap and returns what lies between it and the one
+    /// after; `None` if nothing is left.
+    pub fn give_up(&mut self) -> Option<Vec<u8>> {
+        if self.waiting.is_empty() {
+            return None;
+        }
+        self.give_up_gap();
+        Some(self.take_ready())
+    }
+
     /// Says that no more pieces will come: gives up every gap and returns what is left.
     pub fn finish(&mut self) -> Vec<u8> {
-        let mut left = Vec::new();
-        while !self.waiting.is_empty() {
-            self.give_up_gap();
-            left.extend(self.take_ready());
-        }
-        left
+        std::iter::from_fn(|| self.give_up()).flatten().collect()
     }
 
     /// Keeps what of a piece was not handed out; of two pieces at one place the longer.

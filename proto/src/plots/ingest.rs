@@ -47,6 +47,12 @@ pub enum Damage {
         /// P8.
         platform: String,
     },
+    /// A capture lacks a part of a connection.
+    #[error("{lost_count} bytes of a connection are missing from the capture")]
+    Gap {
+        /// How many.
+        lost_count: u64,
+    },
     /// A report was left out that says no place.
     #[error("revisit {revisit_index}, dwell {dwell_index}, report {report_index}: no location")]
     Placeless {
@@ -80,6 +86,7 @@ impl Damage {
             Self::Packet(_) => "packet",
             Self::Mission { .. } => "mission",
             Self::Undated { .. } => "undated",
+            Self::Gap { .. } => "gap",
             Self::Placeless { .. } => "placeless",
             Self::Senseless { .. } => "senseless",
         }

@@ -165,7 +165,7 @@ impl Flows {
             Content::Tcp { bytes, .. } => {
                 let key = (payload.source, payload.destination);
                 let is_known = self.streams.contains_key(&key);
-                let is_ours = is_packet(bytes) && self.streams.len() < MAX_FLOW_COUNT;
+                let is_ours = holds_packet(bytes) && self.streams.len() < MAX_FLOW_COUNT;
                 if !is_known && !is_ours {
                     return;
                 }
@@ -174,15 +174,42 @@ impl Flows {
                     (TcpStream::default(), ingest)
                 };
                 let (stream, ingest) = self.streams.entry(key).or_insert_with(new);
-                ingest.feed(&stream.push(&payload.content), into);
+                let lost_before = stream.lost_count();
+                let ready = stream.push(&payload.content);
+                go_on(ingest, stream.lost_count() - lost_before, &ready, into);
             }
         }
     }
 
     fn finish(&mut self, into: &mut Vec<Result<Scan, Damage>>) {
         for (mut stream, mut ingest) in std::mem::take(&mut self.streams).into_values() {
-            ingest.feed(&stream.finish(), into);
+            let mut lost_before = stream.lost_count();
+            while let Some(ready) = stream.give_up() {
+                go_on(&mut ingest, stream.lost_count() - lost_before, &ready, into);
+                lost_before = stream.lost_count();
+            }
             ingest.finish(into);
         }
     }
+}
+
+/// Reads on after `lost_count` bytes that are missing: what is before and after them is not one packet.
+fn go_on(ingest: &mut Ingest, lost_count: u64, ready: &[u8], into: &mut Vec<Result<Scan, Damage>>) {
+    if 0 < lost_count {
+        ingest.finish(into);
+        into.push(Err(Damage::Gap { lost_count }));
+    }
+    ingest.feed(ready, into);
+}
+
+/// Whether a piece of a stream begins with a packet, or, joined in the middle, holds one that ends with
+/// the piece or is followed by another.
+fn holds_packet(piece: &[u8]) -> bool {
+    let is_followed = |start: usize| {
+        let rest = &piece[start..];
+        let size = rest.get(2..6).and_then(|bytes| bytes.try_into().ok()).map(u32::from_be_bytes);
+        let after = size.and_then(|size| rest.get(size as usize..));
+        is_packet(rest) && after.is_some_and(|after| after.is_empty() || is_packet(after))
+    };
+    is_packet(piece) || (1..piece.len()).any(is_followed)
 }

@@ -251,6 +251,59 @@ fn an_input_finds_out_what_it_is() {
     assert!(cut.map(drop).unwrap_err().to_string().starts_with("x.pcap: "));
 }
 
+/// The same capture of TCP: `pieces` with their sequence numbers.
+fn tcp_capture(pieces: &[(u32, &[u8])]) -> Vec<u8> {
+    let mut bytes = capture(&[]);
+    for (sequence, payload) in pieces {
+        let ip_length = u16::try_from(40 + payload.len()).unwrap();
+        let frame_length = u32::from(14 + ip_length);
+        for value in [1_700_000_000, 0, frame_length, frame_length] {
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.extend([2; 12]);
+        bytes.extend([8, 0, 0x45, 0]);
+        bytes.extend(ip_length.to_be_bytes());
+        bytes.extend([0, 0, 0, 0, 64, 6, 0, 0, 127, 0, 0, 1, 127, 0, 0, 1]);
+        bytes.extend([0x13, 0x88, 0x17, 0x70]);
+        bytes.extend(sequence.to_be_bytes());
+        bytes.extend([0, 0, 0, 0, 0x50, 0x18, 4, 0, 0, 0, 0, 0]);
+        bytes.extend(*payload);
+    }
+    bytes
+}
+
+/// Two halves of packets of one length would be a packet of their sum, with places of nobody.
+#[test]
+fn what_is_before_and_after_a_gap_of_a_connection_is_not_joined() {
+    let at_minute = |minute: u32| {
+        let mut one = dwell(vec![report()]);
+        one.time_ms += 60_000 * minute;
+        bytes(vec![mission(), Segment::Dwell(Box::new(one.sealed()))])
+    };
+    let sent: Vec<u8> = (0..6).flat_map(at_minute).collect();
+    let (length, half) = (sent.len() / 6, sent.len() / 12);
+    let (cut, again) = (length + half, 4 * length + half);
+    let pieces = [(0, &sent[..cut]), (u32::try_from(again).unwrap(), &sent[again..])];
+    let found = through(&tcp_capture(&pieces), "x").unwrap();
+    let minutes: Vec<f64> = (found.iter().flatten())
+        .map(|scan| (scan.time_s() - MIDNIGHT_UNIX_S - 3600.0) / 60.0)
+        .collect();
+    assert_eq!(minutes, [0.0, 5.0]);
+    let labels: Vec<&str> =
+        found.iter().filter_map(|one| one.as_ref().err()).map(Damage::label).collect();
+    assert!(labels.contains(&"gap"), "{labels:?}");
+}
+
+#[test]
+fn a_connection_is_joined_in_its_middle() {
+    let whole = bytes(vec![mission(), Segment::Dwell(Box::new(dwell(vec![report()])))]);
+    let sent: Vec<u8> = [&whole[20..], &whole, &whole].concat();
+    let found = through(&tcp_capture(&[(7, &sent)]), "x").unwrap();
+    assert_eq!(found.iter().flatten().count(), 2);
+    let other = through(&tcp_capture(&[(7, b"GET /30 HTTP/1.1")]), "x").unwrap();
+    assert!(other.is_empty(), "other traffic is passed over: {other:?}");
+}
+
 #[test]
 fn a_reader_that_fails_is_named() {
     struct Broken;

@@ -6,4 +6,4 @@ mod run;
 mod scenario;
 
 pub(crate) use run::run;
-pub(crate) use scenario::{WideScenario, find, shipped};
+pub(crate) use scenario::{SHIPPED, WideScenario, find, shipped};

@@ -14,7 +14,8 @@ use crate::plan::overlaid;
 use crate::scenario::Kill;
 
 /// The scenario that comes with the program.
-const SHIPPED: (&str, &str) = ("wide-area", include_str!("../../scenarios/wide-area.toml"));
+pub(crate) const SHIPPED: (&str, &str) =
+    ("wide-area", include_str!("../../scenarios/wide-area.toml"));
 
 /// A scenario file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

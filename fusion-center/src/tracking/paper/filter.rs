@@ -53,7 +53,8 @@ pub(super) fn updated(predicted: &Belief, plot: &Plot) -> Option<(Belief, f64)> 
     let gain = factor.solve(&rows).transpose();
     let mut rest = Matrix4::identity();
     rest.fixed_columns_mut::<2>(0).sub_assign(&gain);
-    let joseph = rest * covariance * rest.transpose() + gain * plot.covariance_m2 * gain.transpose();
+    let joseph =
+        rest * covariance * rest.transpose() + gain * plot.covariance_m2 * gain.transpose();
     let filtered = Belief {
         mean: mean + rows.transpose() * scaled,
         covariance: 0.5 * (joseph + joseph.transpose()),
