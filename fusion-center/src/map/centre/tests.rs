@@ -162,16 +162,18 @@ fn another_region_is_refused_and_followed_once_nothing_comes_from_the_first() {
         }
         one
     };
+    let mut told = Vec::new();
     for scan in 0..6_u64 {
         let time_s = 4.0 * scan as f64;
-        send(&mut centre, time_s, &dwell("a", time_s), scan);
-        send(&mut centre, time_s + 1.0, &elsewhere(time_s + 1.0), scan);
+        told.extend(send(&mut centre, time_s, &dwell("a", time_s), scan));
+        told.extend(send(&mut centre, time_s + 1.0, &elsewhere(time_s + 1.0), scan));
     }
     let last = |effects: &[MapEffect]| published(effects).pop().unwrap().tracks;
-    let first = last(&centre.step(at(50.0), MapEvent::Tick));
+    told.extend(centre.step(at(50.0), MapEvent::Tick));
+    let first = last(&told);
     assert!(first.len() == 1 && (first[0].place.lat_deg - 40.8).abs() < 0.01, "{first:?}");
     assert_eq!(centre.refusals.total("unusable"), 6);
-    let mut told = Vec::new();
+    told.clear();
     for scan in 0..6_u64 {
         let time_s = 500.0 + 4.0 * scan as f64;
         told.extend(send(&mut centre, time_s, &elsewhere(time_s), 10 + scan));
