@@ -9,13 +9,13 @@ use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
 
-use crate::montecarlo::{self, indoors, mean_shift, wide_area as wide_area_paper};
+use crate::montecarlo::{self, indoors, mean_shift, wide_area};
 use crate::moves::NodeMove;
 use crate::plan::merge;
 use crate::report::{Report, Summary};
 use crate::run::{Options, run, unix_now_s};
 use crate::scenario::{Kill, RecordingPlan, Scenario, find, shipped};
-use crate::wide_area::{self, WideScenario};
+use crate::wide_run::{self, WideScenario};
 
 /// Launches a distributed scenario on localhost and scores what comes out.
 #[derive(Debug, Parser)]
@@ -116,7 +116,7 @@ enum OtherExperiment {
     /// tracker on the same flights; and the load that many targets are.
     WideArea {
         #[command(flatten)]
-        experiment: wide_area_paper::Flags,
+        experiment: wide_area::Flags,
         #[command(flatten)]
         output: Output,
     },
@@ -170,7 +170,7 @@ impl process::HasFlags for Arguments {
 }
 
 fn list(format: Format) -> anyhow::Result<()> {
-    let (scenarios, wide) = (shipped()?, wide_area::shipped()?);
+    let (scenarios, wide) = (shipped()?, wide_run::shipped()?);
     if format.json {
         let mut all = serde_json::to_value(&scenarios)?;
         if let Some(list) = all.as_array_mut() {
@@ -188,7 +188,7 @@ async fn run_all(
     stop: &CancellationToken,
 ) -> anyhow::Result<()> {
     ensure!(0 < flags.seeds, "--seeds is 0: use 1 or more");
-    if let Some(scenario) = wide_area::find(&flags.scenario)? {
+    if let Some(scenario) = wide_run::find(&flags.scenario)? {
         return run_wide(flags, scenario, log_filter, stop).await;
     }
     let scenario = flags.scenario()?;
@@ -250,7 +250,7 @@ async fn run_wide(
     scenario.kills.sort_by_key(|kill| kill.after_ms);
     let folder = new_folder(flags.out.as_deref(), &scenario.name)?;
     let options = Options { folder: &folder, programs: flags.programs.as_deref(), log_filter };
-    let report = wide_area::run(scenario, &options, stop).await?;
+    let report = wide_run::run(scenario, &options, stop).await?;
     let json = || Ok::<_, serde_json::Error>(serde_json::to_string(&report)? + "\n");
     process::print(&if flags.format.json { json()? } else { report.table() })?;
     ensure!(report.success, "the map is not within the bounds");
@@ -302,14 +302,10 @@ fn rehearse(
     output.print(&folder, report.json()?, &report.table())
 }
 
-fn fly(
-    flags: &wide_area_paper::Flags,
-    output: &Output,
-    stop: &CancellationToken,
-) -> anyhow::Result<()> {
-    let experiment = wide_area_paper::Experiment::new(flags)?;
+fn fly(flags: &wide_area::Flags, output: &Output, stop: &CancellationToken) -> anyhow::Result<()> {
+    let experiment = wide_area::Experiment::new(flags)?;
     let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
-    let report = wide_area_paper::run(&experiment, &folder, stop)?;
+    let report = wide_area::run(&experiment, &folder, stop)?;
     output.print(&folder, report.json()?, &report.table())
 }
 

@@ -16,4 +16,4 @@ mod resources;
 mod run;
 pub mod scenario;
 mod score;
-mod wide_area;
+mod wide_run;
