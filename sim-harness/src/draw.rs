@@ -2,7 +2,8 @@
 //! \[registration, figure 5\].
 
 use anyhow::anyhow;
-use fusion_center::offline::{COLORS, Layer, Way, picture};
+use chart::{Sheet, color};
+use fusion_center::offline::{Layer, Site, Way};
 use proto::geom::{Node, Point, Ref, Se2};
 use proto::wire::PoseRecord;
 
@@ -13,13 +14,13 @@ use crate::report::{NodePoints, Report};
 pub(crate) fn before(report: &Report, points: &NodePoints) -> anyhow::Result<String> {
     let layers = layers(report, |index| Layer {
         label: report.nodes[index].node.to_string(),
-        color: COLORS[index % COLORS.len()],
+        color: color(index),
         points_m: points.get(&report.nodes[index].node).cloned().unwrap_or_default(),
         estimated: (index == 0).then(Se2::identity),
         truth: None,
         ways: Vec::new(),
     });
-    draw(&format!("{}: before registration, each node in its own frame", report.scenario), &layers)
+    draw(format!("{}: before registration, each node in its own frame", report.scenario), layers)
 }
 
 /// All points in the common frame, with the nodes' estimated and true places.
@@ -38,7 +39,7 @@ pub(crate) fn after(report: &Report, points: &NodePoints) -> anyhow::Result<Stri
         let state = if estimated.is_some() { "" } else { " (not registered)" };
         Layer {
             label: format!("{}{state}", node.node),
-            color: COLORS[index % COLORS.len()],
+            color: color(index),
             points_m: placed,
             estimated,
             truth: Some(node.truth.into()),
@@ -46,21 +47,20 @@ pub(crate) fn after(report: &Report, points: &NodePoints) -> anyhow::Result<Stri
         }
     });
     layers.extend(together(report));
-    draw(
-        &format!("{}: after registration, frame of {}", report.scenario, report.reference),
-        &layers,
-    )
+    draw(format!("{}: after registration, frame of {}", report.scenario, report.reference), layers)
 }
 
 /// The ways of the people whom the centre followed by all nodes together, with their ids.
 fn together(report: &Report) -> Option<Layer> {
+    let color = color(report.nodes.len());
     let way = |person: &Fused| Way {
+        color,
         label: person.last.id.to_string(),
         places_m: person.places_m.clone(),
     };
     (!report.fused.is_empty()).then(|| Layer {
         label: "all together".to_owned(),
-        color: COLORS[report.nodes.len() % COLORS.len()],
+        color,
         points_m: Vec::new(),
         estimated: None,
         truth: None,
@@ -74,7 +74,7 @@ fn ways(report: &Report, index: usize) -> Vec<Way> {
     let own = report.people.iter().filter(|person| person.last.node == *node);
     let way = |person: &Person| {
         let label = person.last.track.id.to_string();
-        Way { label, places_m: person.places_m.clone() }
+        Way { label, color: color(index), places_m: person.places_m.clone() }
     };
     own.map(way).collect()
 }
@@ -83,6 +83,7 @@ fn layers(report: &Report, layer: impl Fn(usize) -> Layer) -> Vec<Layer> {
     (0..report.nodes.len()).map(layer).collect()
 }
 
-fn draw(title: &str, layers: &[Layer]) -> anyhow::Result<String> {
-    picture(title, layers).map_err(|error| anyhow!("drawing {title}: {error}"))
+fn draw(title: String, layers: Vec<Layer>) -> anyhow::Result<String> {
+    let site = Site { title, layers };
+    site.svg().map_err(|error| anyhow!("drawing {}: {error}", site.title))
 }

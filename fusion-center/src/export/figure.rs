@@ -1,43 +1,27 @@
 //! Tracks on a map as a picture: ways, status, ellipses and plots, in kilometres east and north.
 
-use std::ops::Range;
-
-use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
+use chart::{
+    Axes, Chart, Drawn, Fallible, Sheet, around, color, legend, nothing, square_size, squared,
+    stroke, way,
+};
+use plotters::chart::SeriesLabelPosition;
 use plotters::coord::Shift;
-use plotters::coord::types::RangedCoordf64;
-use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
-use plotters::element::{
-    Circle, Cross, DynElement, EmptyElement, IntoDynElement, PathElement, Rectangle, Text,
-};
-use plotters::prelude::{
-    BLACK, Cartesian2d, Color, DrawingBackend, IntoDrawingArea, IntoFont, RGBColor, SVGBackend,
-    ShapeStyle, WHITE,
-};
+use plotters::drawing::DrawingArea;
+use plotters::element::{Circle, Cross, DynElement, EmptyElement, IntoDynElement, Rectangle, Text};
+use plotters::prelude::{BLACK, Color, DrawingBackend, IntoFont, RGBColor, ShapeStyle, WHITE};
 use proto::geodesy::{EnuFrame, GeoPosition};
 
 use super::{ELLIPSE_SHARE, ExportError, GeoTrack, TrackStatus, ellipse};
 
-/// Of the picture, pixels; what title and axes leave is a square.
-pub const SIZE: (u32, u32) = (789, 800);
-/// Told apart by most eyes, in print too (Okabe and Ito).
-const COLORS: [RGBColor; 7] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
-    RGBColor(120, 94, 240),
-];
-const PLOT_COLOR: RGBColor = RGBColor(150, 150, 150);
+/// What the axes enclose, pixels.
+const SIDE: u32 = 720;
+const DOT_COLOR: RGBColor = RGBColor(150, 150, 150);
 /// Half the size of a mark, pixels.
 const MARK: i32 = 5;
 /// Space around what is shown, as a share of its size.
 const MARGIN: f64 = 0.08;
-
-type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
-type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-type PlaceKm = (f64, f64);
+/// Half of what is shown at least, kilometres.
+const LEAST_HALF_KM: f64 = 0.05;
 
 /// What is on the map.
 #[derive(Clone, Copy, Debug)]
@@ -48,8 +32,36 @@ pub struct Map<'a> {
     pub frame: &'a EnuFrame,
     /// A colour for each, a mark for its status at its last place.
     pub tracks: &'a [GeoTrack],
-    /// What the sensors reported, right or wrong.
-    pub plots: &'a [GeoPosition],
+    /// Grey dots, such as what sensors reported, right or wrong.
+    pub dots: &'a [GeoPosition],
+    /// What the dots are, in the legend.
+    pub dots_are: &'a str,
+}
+
+impl Sheet for Map<'_> {
+    fn size(&self) -> Fallible<(u32, u32)> {
+        Ok(square_size(SIDE))
+    }
+
+    /// The tracks have been checked.
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        area.fill(&WHITE)?;
+        let origin = self.frame.origin();
+        let axes = Axes {
+            title: self.title,
+            x_title: &format!("km east of {}", degrees(origin.lon_deg(), ["E", "W"])),
+            y_title: &format!("km north of {}", degrees(origin.lat_deg(), ["N", "S"])),
+            ranges: squared(around(self.places_km()), LEAST_HALF_KM, MARGIN),
+        };
+        let mut chart = axes.on(area)?;
+        let dots = self.dots.iter().map(|dot| self.place_km(dot).into());
+        chart.draw_series(dots.map(|at| Circle::new(at, 2, DOT_COLOR.filled())))?;
+        for (index, track) in self.tracks.iter().enumerate() {
+            self.draw_track(&mut chart, track, color(index))?;
+        }
+        self.draw_legend(&mut chart)?;
+        area.present()
+    }
 }
 
 impl Map<'_> {
@@ -57,67 +69,25 @@ impl Map<'_> {
     ///
     /// # Errors
     /// If a track says something that is not possible, or the library refuses.
-    pub fn svg(&self) -> Result<String, ExportError> {
+    pub fn checked_svg(&self) -> Result<String, ExportError> {
         self.tracks.iter().try_for_each(GeoTrack::check)?;
-        let mut svg = String::new();
-        let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-        self.draw(&area).map_err(|error| ExportError::Drawing(error.to_string()))?;
-        drop(area);
-        Ok(svg)
+        self.svg().map_err(|error| ExportError::Drawing(error.to_string()))
     }
 
-    /// Draws the map with any backend of the library. The tracks have been checked.
-    ///
-    /// # Errors
-    /// If the backend fails.
-    pub fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        area.fill(&WHITE)?;
-        let [east, north] = self.ranges_km();
-        let mut chart = ChartBuilder::on(area)
-            .caption(self.title, ("sans-serif", 18).into_font())
-            .margin(12)
-            .x_label_area_size(42)
-            .y_label_area_size(56)
-            .build_cartesian_2d(east, north)?;
-        let (east_title, north_title) = self.axis_titles();
-        chart
-            .configure_mesh()
-            .x_desc(east_title)
-            .y_desc(north_title)
-            .light_line_style(WHITE)
-            .bold_line_style(BLACK.mix(0.08))
-            .draw()?;
-        self.draw_plots(&mut chart)?;
-        for (index, track) in self.tracks.iter().enumerate() {
-            self.draw_track(&mut chart, track, COLORS[index % COLORS.len()])?;
-        }
-        self.draw_legend(&mut chart)?;
-        area.present()
-    }
-
-    fn axis_titles(&self) -> (String, String) {
-        let origin = self.frame.origin();
-        let (lat_deg, lon_deg) = (origin.lat_deg(), origin.lon_deg());
-        (
-            format!("km east of longitude {lon_deg:.5} deg"),
-            format!("km north of latitude {lat_deg:.5} deg"),
-        )
-    }
-
-    fn place_km(&self, place: &GeoPosition) -> PlaceKm {
+    fn place_km(&self, place: &GeoPosition) -> [f64; 2] {
         let point = self.frame.to_enu(place);
-        (point.east_m / 1e3, point.north_m / 1e3)
+        [point.east_m / 1e3, point.north_m / 1e3]
     }
 
-    fn way_km(&self, track: &GeoTrack) -> Vec<PlaceKm> {
-        track.fixes().map(|fix| self.place_km(&fix.position)).collect()
+    fn way_km(&self, track: &GeoTrack) -> impl Iterator<Item = [f64; 2]> {
+        track.fixes().map(|fix| self.place_km(&fix.position))
     }
 
-    fn draw_plots<B: DrawingBackend>(&self, chart: &mut Chart<'_, B>) -> Drawn<B> {
-        let dots =
-            self.plots.iter().map(|plot| Circle::new(self.place_km(plot), 2, PLOT_COLOR.filled()));
-        chart.draw_series(dots)?;
-        Ok(())
+    /// Everything that is to be inside.
+    fn places_km(&self) -> impl Iterator<Item = [f64; 2]> {
+        let tracks = self.tracks.iter();
+        let ways = tracks.flat_map(|track| self.way_km(track).chain(self.outline_km(track)));
+        ways.chain(self.dots.iter().map(|dot| self.place_km(dot)))
     }
 
     fn draw_track<B: DrawingBackend>(
@@ -127,78 +97,54 @@ impl Map<'_> {
         color: RGBColor,
     ) -> Drawn<B> {
         let width = if track.status == TrackStatus::Tentative { 1 } else { 2 };
-        chart.draw_series([PathElement::new(self.way_km(track), color.stroke_width(width))])?;
-        chart.draw_series([PathElement::new(
-            self.outline_km(track),
-            color.mix(0.7).stroke_width(1),
-        )])?;
-        let at = self.place_km(&track.position);
+        way(chart, self.way_km(track), color.stroke_width(width))?;
+        way(chart, self.outline_km(track), color.mix(0.7).stroke_width(1))?;
+        let at: (f64, f64) = self.place_km(&track.position).into();
         chart.draw_series([EmptyElement::at(at) + mark((0, 0), track.status, color)])?;
-        let font = ("sans-serif", 12).into_font().color(&color);
-        let label = Text::new(track.id.to_string(), (MARK + 4, -MARK - 8), font);
+        let font = ("sans-serif", 14).into_font().color(&color);
+        let label = Text::new(track.id.to_string(), (MARK + 4, -MARK - 10), font);
         chart.draw_series([EmptyElement::at(at) + label])?;
         Ok(())
     }
 
     /// The ellipse around the last place, closed. The covariance is of the axes at the target; on a
     /// map of some ten kilometres they are those of the map to a fraction of a degree.
-    fn outline_km(&self, track: &GeoTrack) -> Vec<PlaceKm> {
-        let (east_km, north_km) = self.place_km(&track.position);
+    fn outline_km(&self, track: &GeoTrack) -> Vec<[f64; 2]> {
+        let [east_km, north_km] = self.place_km(&track.position);
         let outline = ellipse::outline_m(track, ELLIPSE_SHARE);
-        let corners = outline.iter().map(|at| (east_km + at.x / 1e3, north_km + at.y / 1e3));
+        let corners = outline.iter().map(|at| [east_km + at.x / 1e3, north_km + at.y / 1e3]);
         corners.clone().chain(corners.take(1)).collect()
     }
 
+    /// What is on the map, and nothing else.
     fn draw_legend<'a, B: DrawingBackend + 'a>(&self, chart: &mut Chart<'a, B>) -> Drawn<B> {
-        for status in TrackStatus::ALL {
+        let is_there = |status| self.tracks.iter().any(|track| track.status == status);
+        for status in TrackStatus::ALL.into_iter().filter(|status| is_there(*status)) {
             chart
                 .draw_series(nothing())?
-                .label(status.word())
-                .legend(move |(x, y)| mark((x + 10, y), status, BLACK));
+                .label(format!("{} at the end", status.word()))
+                .legend(move |(x, y)| mark((x + 8, y), status, BLACK));
         }
-        let ellipse = BLACK.mix(0.7).stroke_width(1);
-        chart
-            .draw_series(nothing())?
-            .label("95 % of its place")
-            .legend(move |(x, y)| PathElement::new(vec![(x + 2, y), (x + 18, y)], ellipse));
-        if !self.plots.is_empty() {
-            chart
-                .draw_series(nothing())?
-                .label("plot")
-                .legend(|(x, y)| Circle::new((x + 10, y), 2, PLOT_COLOR.filled()));
+        if !self.tracks.is_empty() {
+            let style = BLACK.mix(0.7).stroke_width(1);
+            let entry = move |at| stroke(at, style);
+            chart.draw_series(nothing())?.label("where it is, to 95 %").legend(entry);
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.3))
-            .draw()
-    }
-
-    /// Equal scales on both axes, everything inside.
-    fn ranges_km(&self) -> [Range<f64>; 2] {
-        let ways = self.tracks.iter().flat_map(|track| self.way_km(track));
-        let outlines = self.tracks.iter().flat_map(|track| self.outline_km(track));
-        let plots = self.plots.iter().map(|plot| self.place_km(plot));
-        let mut limits = [(f64::MAX, f64::MIN); 2];
-        for (east_km, north_km) in ways.chain(outlines).chain(plots) {
-            for (limit, value) in limits.iter_mut().zip([east_km, north_km]) {
-                *limit = (limit.0.min(value), limit.1.max(value));
-            }
+        if !self.dots.is_empty() {
+            let entry = |(x, y)| Circle::new((x + 8, y), 2, DOT_COLOR.filled());
+            chart.draw_series(nothing())?.label(self.dots_are).legend(entry);
         }
-        let known =
-            limits.map(|(least, most)| if least <= most { (least, most) } else { (0.0, 1.0) });
-        let half = known.iter().map(|(least, most)| 0.5 * (most - least)).fold(0.05, f64::max);
-        known.map(|(least, most)| {
-            let (middle, reach) = (0.5 * (least + most), half * (1.0 + 2.0 * MARGIN));
-            middle - reach..middle + reach
-        })
+        if self.tracks.is_empty() && self.dots.is_empty() {
+            return Ok(());
+        }
+        legend(chart, SeriesLabelPosition::UpperRight)
     }
 }
 
-/// A series of nothing, for an entry in the legend.
-fn nothing() -> [Circle<PlaceKm, i32>; 0] {
-    []
+/// As maps write it, such as `113.92575 deg W`.
+fn degrees(value_deg: f64, [positive, negative]: [&str; 2]) -> String {
+    let side = if value_deg < 0.0 { negative } else { positive };
+    format!("{:.5} deg {side}", value_deg.abs())
 }
 
 /// A disc for confirmed, a ring for tentative, a cross for coasting, a square for stopped.
@@ -225,7 +171,9 @@ mod tests {
     use crate::export::sample;
 
     fn picture(tracks: &[GeoTrack], plots: &[GeoPosition]) -> String {
-        Map { title: "Tracks near Hohhot", frame: &sample::frame(), tracks, plots }.svg().unwrap()
+        let frame = sample::frame();
+        let title = "Tracks near Hohhot";
+        Map { title, frame: &frame, tracks, dots: plots, dots_are: "plot" }.checked_svg().unwrap()
     }
 
     fn local() -> Vec<GeoTrack> {
@@ -254,10 +202,12 @@ mod tests {
 
     #[test]
     fn a_track_to_the_east_is_drawn_to_the_right_and_one_to_the_north_above() {
-        let map = Map { title: "", frame: &sample::frame(), tracks: &local(), plots: &[] };
-        let (east_km, north_km) = map.place_km(&sample::confirmed().position);
+        let (frame, tracks) = (sample::frame(), local());
+        let map = Map { title: "", frame: &frame, tracks: &tracks, dots: &[], dots_are: "" };
+        let [east_km, north_km] = map.place_km(&sample::confirmed().position);
         assert!((east_km - 2.4).abs() < 1e-6 && (north_km + 1.2).abs() < 1e-6);
-        let [east, north] = map.ranges_km();
+        let inside = around(map.places_km());
+        let [east, north] = squared(inside, LEAST_HALF_KM, MARGIN);
         assert!((east.end - east.start - (north.end - north.start)).abs() < 1e-9);
         assert!(east.contains(&2.4) && north.contains(&-1.2));
     }
@@ -304,7 +254,8 @@ mod tests {
     #[test]
     fn an_impossible_track_is_refused() {
         let tracks = [GeoTrack { time_unix_s: f64::NAN, ..sample::confirmed() }];
-        let map = Map { title: "", frame: &sample::frame(), tracks: &tracks, plots: &[] };
-        assert!(matches!(map.svg(), Err(ExportError::Time { .. })));
+        let frame = sample::frame();
+        let map = Map { title: "", frame: &frame, tracks: &tracks, dots: &[], dots_are: "" };
+        assert!(matches!(map.checked_svg(), Err(ExportError::Time { .. })));
     }
 }

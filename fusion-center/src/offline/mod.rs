@@ -17,7 +17,7 @@ mod track;
 
 pub use answer::Answer;
 pub use clocks::ClockJson;
-pub use draw::{COLORS, Layer, Way, picture};
+pub use draw::{Layer, Site, Way};
 pub use input::{Asked, InputError, read_folder, read_problem};
 pub use run::{Options, register};
 pub use track::{Files, TrackOptions, track};

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::{Context, bail};
+use chart::{Sheet, color};
 use proto::geom::{Node, Point};
 use proto::ids::NodeId;
 use proto::process;
@@ -14,7 +15,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
 
 use super::Answer;
-use super::draw::{COLORS, Layer, picture};
+use super::draw::{Layer, Site};
 use super::input::{Asked, points_of, read_folder, read_problem};
 use super::lines::{Line, Lines};
 use super::output::{Answered, Drawn, Failed, Output, shown};
@@ -217,8 +218,8 @@ fn pictures(asked: &Asked, solution: &SiteSolution) -> anyhow::Result<Vec<(&'sta
     let id = shown(&asked.id);
     let parts = [("before", before(&asked.problem)), ("after", after(&asked.problem, solution))];
     let draw = |(part, layers): (&'static str, Vec<Layer>)| {
-        let svg = picture(&format!("{id}: {part} registration"), &layers)
-            .map_err(|error| anyhow::anyhow!("drawing {id}: {error}"))?;
+        let site = Site { title: format!("{id}: {part} registration"), layers };
+        let svg = site.svg().map_err(|error| anyhow::anyhow!("drawing {id}: {error}"))?;
         Ok((part, svg))
     };
     parts.into_iter().map(draw).collect()
@@ -227,7 +228,7 @@ fn pictures(asked: &Asked, solution: &SiteSolution) -> anyhow::Result<Vec<(&'sta
 fn before(problem: &SiteProblem) -> Vec<Layer> {
     let layer = |(index, (node, view)): (usize, (&NodeId, &crate::network::NodeView))| Layer {
         label: node.to_string(),
-        color: COLORS[index % COLORS.len()],
+        color: color(index),
         points_m: points_of(view).map(Into::into).collect(),
         estimated: None,
         truth: None,

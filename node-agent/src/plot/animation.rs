@@ -5,9 +5,9 @@ use std::io::{self, Write};
 
 use embedded_graphics::prelude::RgbColor;
 
-use super::canvas::Canvas;
 use super::followed::{COLORS, TENTATIVE_COLOR};
 use super::{POINT_COLOR, shade};
+use chart::canvas::Canvas;
 
 /// Shades of the image in the palette of a GIF, which has room for 256 colours with those of lines
 /// and letters.

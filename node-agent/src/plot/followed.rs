@@ -7,8 +7,8 @@ use proto::measured::symmetric;
 use proto::radar::Grid;
 use proto::wire::{TrackRecord, TrackStatus};
 
-use super::canvas::{Anchor, Canvas};
 use super::{Ellipse, Frame, draw_ellipse};
+use chart::canvas::{Anchor, Canvas};
 
 /// Told apart by most eyes on dark ground; the same person has the same colour in every frame.
 pub(super) const COLORS: [Rgb888; 7] = [

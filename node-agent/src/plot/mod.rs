@@ -2,14 +2,13 @@
 //! two-sigma ellipses.
 
 mod animation;
-pub mod canvas;
 mod density;
 mod followed;
 mod paths;
-pub mod raster;
 
 use std::io::Write;
 
+use chart::canvas::{Anchor, Canvas};
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::{Point as Pixel, RgbColor};
 use proto::geom::{Gaussian, Node, principal_axes};
@@ -17,7 +16,7 @@ use proto::measured::MeasuredPoint;
 use proto::radar::Grid;
 
 pub use animation::{Animation, AnimationKind, AnimationShape};
-use canvas::{Anchor, Canvas};
+
 pub use density::Density;
 pub use followed::draw_tracks;
 pub use paths::{Line, PathsFigure};

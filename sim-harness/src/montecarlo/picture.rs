@@ -1,28 +1,22 @@
 //! Cumulative curves of the errors, as SVG and as PNG by one routine.
 
-use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
+use chart::{Axes, COLORS, Chart, Drawn, Fallible, GREY, Sheet, legend, stroke};
+use plotters::chart::SeriesLabelPosition;
 use plotters::coord::Shift;
-use plotters::coord::types::RangedCoordf64;
 use plotters::drawing::DrawingArea;
 use plotters::prelude::{
-    BLACK, Cartesian2d, Color, Cross, DashedLineSeries, IntoFont, LineSeries, PathElement, Polygon,
-    RGBColor, WHITE,
+    BLACK, Color, Cross, DashedLineSeries, DrawingBackend, LineSeries, PathElement, Polygon,
+    RGBColor,
 };
-use plotters_backend::DrawingBackend;
 
 use super::Figure;
 use super::report::Report;
 use super::score::{BOX_ANGLE_DEG, BOX_POSITION_M, CurvePoint, MethodScore};
-use super::sheet::{Drawn, Sheet};
-use fusion_center::offline::COLORS;
+use super::sheet::{HEADING_PIXELS, headed};
 
 const PANEL_SIZE: (u32, u32) = (560, 330);
-const HEADING_PIXELS: u32 = 34;
-const GREY: RGBColor = RGBColor(120, 120, 120);
 /// Length and gap of the dashes of the bound's curve, pixels.
 const DASH: (i32, i32) = (6, 4);
-/// At this size the library's guess of a text's width holds the widest letters of the raster.
-const LEGEND_SIZE: u32 = 16;
 /// How much of a curve's colour its confidence band has.
 const BAND_SHARE: f64 = 0.12;
 
@@ -57,8 +51,6 @@ pub(super) struct Page {
     panels: Vec<Panel>,
 }
 
-type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-
 impl Page {
     /// The curves of all methods under all conditions.
     pub(super) fn of(report: &Report) -> Self {
@@ -90,15 +82,13 @@ impl Page {
 }
 
 impl Sheet for Page {
-    fn size(&self) -> anyhow::Result<(u32, u32)> {
+    fn size(&self) -> Fallible<(u32, u32)> {
         let rows = u32::try_from(self.row_count())?;
         Ok((2 * PANEL_SIZE.0, rows * PANEL_SIZE.1 + HEADING_PIXELS))
     }
 
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        area.fill(&WHITE)?;
-        let (heading, rest) = area.split_vertically(HEADING_PIXELS);
-        heading.titled(&self.heading, ("sans-serif", 22).into_font())?;
+        let rest = headed(area, &self.heading)?;
         for (panel, place) in self.panels.iter().zip(rest.split_evenly((self.row_count(), 2))) {
             draw_panel(panel, &place)?;
         }
@@ -139,19 +129,13 @@ fn curves(methods: &[MethodScore], of: impl Fn(&MethodScore) -> &Vec<CurvePoint>
 }
 
 fn draw_panel<B: DrawingBackend>(panel: &Panel, place: &DrawingArea<B, Shift>) -> Drawn<B> {
-    let mut chart = ChartBuilder::on(place)
-        .caption(&panel.title, ("sans-serif", 16).into_font())
-        .margin(10)
-        .x_label_area_size(38)
-        .y_label_area_size(38)
-        .build_cartesian_2d(0.0..panel.reach, 0.0..1.02)?;
-    let grid = RGBColor(228, 228, 228);
-    chart
-        .configure_mesh()
-        .x_desc(panel.unit)
-        .light_line_style(WHITE)
-        .bold_line_style(grid)
-        .draw()?;
+    let axes = Axes {
+        title: &panel.title,
+        x_title: panel.unit,
+        y_title: "share of trials",
+        ranges: [0.0..panel.reach, 0.0..1.02],
+    };
+    let mut chart = axes.on(place)?;
     for curve in panel.curves.iter().filter(|curve| !curve.is_bound) {
         chart.draw_series([band(curve)])?;
     }
@@ -161,13 +145,7 @@ fn draw_panel<B: DrawingBackend>(panel: &Panel, place: &DrawingArea<B, Shift>) -
     if let Some(mark) = &panel.mark {
         draw_mark(&mut chart, mark)?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
-        .background_style(WHITE.mix(0.9))
-        .border_style(GREY)
-        .label_font(("sans-serif", LEGEND_SIZE).into_font())
-        .draw()
+    legend(&mut chart, SeriesLabelPosition::LowerRight)
 }
 
 /// The confidence band of every share on the curve.
@@ -186,9 +164,7 @@ fn draw_curve<B: DrawingBackend>(chart: &mut Chart<'_, B>, curve: &Curve) -> Dra
     } else {
         chart.draw_series(LineSeries::new(points, style))?
     };
-    series
-        .label(curve.label.clone())
-        .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], style));
+    series.label(curve.label.clone()).legend(move |at| stroke(at, style));
     Ok(())
 }
 

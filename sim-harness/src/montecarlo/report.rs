@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::picture::Page;
 use super::score::{MethodScore, Reach};
-use super::sheet::{Bar, Sheet, document, write};
+use super::sheet::{Bar, document, draw, write};
 use super::{ConditionResult, Figure, Level};
 
 /// The solver that must reach the bars.
@@ -135,7 +135,7 @@ impl Report {
     /// If they cannot be drawn or written.
     pub(super) fn write(&self, folder: &Path) -> anyhow::Result<()> {
         write(folder, "montecarlo.json", self.json()?.as_bytes())?;
-        Page::of(self).write(folder, "errors")
+        draw(&Page::of(self), folder, "errors")
     }
 
     /// Heading of the picture.

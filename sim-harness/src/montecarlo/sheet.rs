@@ -4,15 +4,28 @@
 use std::path::Path;
 
 use anyhow::{Context, anyhow};
-use node_agent::plot::canvas::Canvas;
-use node_agent::plot::raster::Raster;
+use chart::Sheet;
 use plotters::coord::Shift;
-use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
-use plotters::prelude::{IntoDrawingArea, SVGBackend};
-use plotters_backend::DrawingBackend;
+use plotters::drawing::DrawingArea;
+use plotters::prelude::{DrawingBackend, IntoFont, WHITE};
 use serde::Serialize;
 
-pub(super) type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+/// Height of what stands above a sheet of several charts, pixels.
+pub(super) const HEADING_PIXELS: u32 = 34;
+
+/// Writes what stands above a sheet of several charts; the rest of the area.
+///
+/// # Errors
+/// If the backend fails.
+pub(super) fn headed<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    heading: &str,
+) -> Result<DrawingArea<B, Shift>, chart::Failure<B>> {
+    area.fill(&WHITE)?;
+    let (above, rest) = area.split_vertically(HEADING_PIXELS);
+    above.titled(heading, ("sans-serif", 22).into_font())?;
+    Ok(rest)
+}
 
 /// What a solver or a tracker of our own must reach.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -29,51 +42,15 @@ impl Bar {
     }
 }
 
-/// A picture that knows its size, pixels, and draws itself on anything.
-pub(super) trait Sheet {
-    /// # Errors
-    /// If it is too large.
-    fn size(&self) -> anyhow::Result<(u32, u32)>;
-
-    /// # Errors
-    /// If the backend fails.
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
-
-    /// The picture as SVG.
-    ///
-    /// # Errors
-    /// If it cannot be drawn.
-    fn svg(&self) -> anyhow::Result<String> {
-        let mut svg = String::new();
-        let area = SVGBackend::with_string(&mut svg, self.size()?).into_drawing_area();
-        self.draw(&area).map_err(|error| anyhow!("drawing the picture as SVG: {error}"))?;
-        drop(area);
-        Ok(svg)
-    }
-
-    /// The picture as PNG.
-    ///
-    /// # Errors
-    /// If it cannot be drawn or written.
-    fn png(&self) -> anyhow::Result<Vec<u8>> {
-        let size = self.size()?;
-        let mut canvas = Canvas::new(size.0, size.1);
-        let area = Raster::new(&mut canvas, size).into_drawing_area();
-        self.draw(&area).map_err(|error| anyhow!("drawing the picture as PNG: {error}"))?;
-        drop(area);
-        let mut png = Vec::new();
-        canvas.write_png(&mut png)?;
-        Ok(png)
-    }
-
-    /// Writes both as `NAME.svg` and `NAME.png`.
-    ///
-    /// # Errors
-    /// If they cannot be drawn or written.
-    fn write(&self, folder: &Path, name: &str) -> anyhow::Result<()> {
-        write(folder, &format!("{name}.svg"), self.svg()?.as_bytes())?;
-        write(folder, &format!("{name}.png"), &self.png()?)
-    }
+/// Writes a picture as `NAME.svg` and `NAME.png`.
+///
+/// # Errors
+/// If it cannot be drawn or written.
+pub(super) fn draw(sheet: &impl Sheet, folder: &Path, name: &str) -> anyhow::Result<()> {
+    let svg = sheet.svg().map_err(|error| anyhow!("drawing {name}.svg: {error}"))?;
+    let png = sheet.png().map_err(|error| anyhow!("drawing {name}.png: {error}"))?;
+    write(folder, &format!("{name}.svg"), svg.as_bytes())?;
+    write(folder, &format!("{name}.png"), &png)
 }
 
 /// A report and its bars as one JSON object.

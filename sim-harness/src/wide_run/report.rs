@@ -106,7 +106,8 @@ impl Scored {
         };
         let tracks: Vec<GeoTrack> = self.ways.values().map(track).collect::<Result<_, _>>()?;
         let frame = self.scene.frame();
-        Ok(Map { title, frame, tracks: &tracks, plots: &self.true_places }.svg()?)
+        let (dots, dots_are) = (&self.true_places[..], "where vehicles truly were");
+        Ok(Map { title, frame, tracks: &tracks, dots, dots_are }.checked_svg()?)
     }
 }
 
@@ -177,7 +178,7 @@ impl Report {
             let path = folder.join(name);
             std::fs::write(&path, text).with_context(|| format!("writing {}", path.display()))
         };
-        write("map.svg", scored.picture(&format!("{}: tracks, truth as dots", report.scenario))?)?;
+        write("map.svg", scored.picture(&format!("{}: tracks, and the truth", report.scenario))?)?;
         write("report.json", serde_json::to_string_pretty(&report)?)?;
         Ok(report)
     }

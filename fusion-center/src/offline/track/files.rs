@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
+use chart::{GREY, Sheet, color};
 use nalgebra::Vector2;
 use proto::geodesy::{EnuFrame, GeoPosition};
 use proto::plots::Scan;
@@ -15,7 +16,7 @@ use crate::export::cot::{CotSettings, event};
 use crate::export::figure::Map;
 use crate::export::{GeoTrack, Origin, csv, geojson, kml};
 use crate::map::{Ground, Past, fix, geo_track};
-use crate::offline::{COLORS, Layer, Way, picture};
+use crate::offline::{Layer, Site, Way};
 use crate::replace;
 
 /// Plots kept for the map; those beyond are left out of it.
@@ -84,16 +85,19 @@ impl Files {
 /// Steps kept for the files, if any are asked for.
 pub(super) struct Kept {
     is_wanted: bool,
+    /// Above the map.
+    title: String,
     steps: BTreeMap<u64, Vec<Step>>,
     plots: Vec<GeoPosition>,
     local_plots_m: Vec<[f64; 2]>,
 }
 
 impl Kept {
-    pub(super) fn new(files: &Files) -> Self {
+    /// For the tracks of the input `name`.
+    pub(super) fn new(files: &Files, name: &str) -> Self {
         let is_wanted = files.is_any();
         let (steps, plots, local_plots_m) = (BTreeMap::new(), Vec::new(), Vec::new());
-        Self { is_wanted, steps, plots, local_plots_m }
+        Self { is_wanted, title: format!("{name}: tracks"), steps, plots, local_plots_m }
     }
 
     pub(super) fn take(&mut self, step: Step) {
@@ -159,8 +163,9 @@ impl Kept {
             let middle = frame.place(&Vector2::zeros(), frame.height_m())?;
             let middle = GeoPosition::new(middle.lat_deg, middle.lon_deg, middle.height_m)?;
             let enu = EnuFrame::new(middle);
-            let map = Map { title: "Tracks", frame: &enu, tracks: &tracks, plots: &self.plots };
-            write(&folder.join("map.svg"), map.svg()?.as_bytes())?;
+            let (title, dots, dots_are) = (self.title.as_str(), &self.plots[..], "plot");
+            let map = Map { title, frame: &enu, tracks: &tracks, dots, dots_are };
+            write(&folder.join("map.svg"), map.checked_svg()?.as_bytes())?;
         }
         Ok(())
     }
@@ -205,20 +210,21 @@ impl Kept {
             bail!("{flag}: plots on a plane have no place on the earth: leave it out");
         }
         let Some(folder) = &files.figures else { return Ok(()) };
-        let way = |(id, steps): (&u64, &Vec<Step>)| Way {
+        let way = |(index, (id, steps)): (usize, (&u64, &Vec<Step>))| Way {
             label: id.to_string(),
+            color: color(index),
             places_m: steps.iter().map(|step| step.at_m).collect(),
         };
         let layer = Layer {
-            label: "plots and tracks".to_owned(),
-            color: COLORS[0],
+            label: "plot".to_owned(),
+            color: GREY,
             points_m: self.local_plots_m.clone(),
             estimated: None,
             truth: None,
-            ways: self.steps.iter().map(way).collect(),
+            ways: self.steps.iter().enumerate().map(way).collect(),
         };
-        let svg = picture("Tracks", &[layer]);
-        let svg = svg.map_err(|error| anyhow::anyhow!("drawing the map: {error}"))?;
+        let site = Site { title: self.title.clone(), layers: vec![layer] };
+        let svg = site.svg().map_err(|error| anyhow::anyhow!("drawing the map: {error}"))?;
         write(&folder.join("map.svg"), svg.as_bytes())
     }
 }

@@ -57,7 +57,7 @@ pub async fn track(
     config: MapConfig,
     stop: &CancellationToken,
 ) -> anyhow::Result<()> {
-    let name = options.input.display().to_string();
+    let name = name_of(&options.input);
     let token = stop.clone();
     let work = tokio::task::spawn_blocking(move || work(&options, &config, &token));
     tokio::select! {
@@ -76,7 +76,7 @@ fn work(
 ) -> anyhow::Result<()> {
     options.files.prepare(&options.input)?;
     let (from, bar) = open(&options.input)?;
-    let name = options.input.display().to_string();
+    let name = name_of(&options.input);
     let fallback = NodeId::try_from("sensor".to_owned())?;
     let mut input = Input::open(from, &name, options.format, Naming::Own(fallback))?;
     let mut run = Run::new(options, config, name)?;
@@ -100,6 +100,11 @@ fn work(
     bar.finish_and_clear();
     run.finish()?;
     Ok(ended?)
+}
+
+/// The input in messages.
+fn name_of(path: &Path) -> String {
+    if path == Path::new("-") { "standard input".to_owned() } else { path.display().to_string() }
 }
 
 /// The input with a bar that follows what was read of it.
@@ -138,7 +143,6 @@ impl<'a> Run<'a> {
     fn new(options: &'a TrackOptions, config: &MapConfig, name: String) -> anyhow::Result<Self> {
         Ok(Self {
             options,
-            name,
             follower: Follower::new(config).context("configuration: wide.tracking")?,
             order: Reorder::new(config.patience()),
             first_s: None,
@@ -146,7 +150,8 @@ impl<'a> Run<'a> {
             sequence: 0,
             refusals: Refusals::default(),
             summary: Summary::default(),
-            kept: Kept::new(&options.files),
+            kept: Kept::new(&options.files, name.rsplit('/').next().unwrap_or(&name)),
+            name,
             is_read: true,
         })
     }

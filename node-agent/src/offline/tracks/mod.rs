@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use chart::Sheet;
 use proto::ids::NodeId;
 use proto::wire::TrackRecord;
 use serde::Serialize;

@@ -6,7 +6,7 @@ use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use comfy_table::{CellAlignment, Table};
 use serde::Serialize;
 
-use super::super::sheet::{Bar, Sheet, document, write};
+use super::super::sheet::{Bar, document, draw, write};
 use super::picture::Page;
 use super::published::{Bounds, bounds};
 use super::summary::{Figure, Figures};
@@ -112,7 +112,7 @@ impl Report {
     pub(super) fn write(&self, folder: &Path) -> anyhow::Result<()> {
         write(folder, "montecarlo.json", self.json()?.as_bytes())?;
         for result in &self.experiments {
-            Page::of(self, result).write(folder, &format!("experiment-{}", result.number))?;
+            draw(&Page::of(self, result), folder, &format!("experiment-{}", result.number))?;
         }
         Ok(())
     }

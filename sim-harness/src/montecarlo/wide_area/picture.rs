@@ -3,17 +3,16 @@
 
 use std::ops::Range;
 
-use fusion_center::offline::COLORS;
-use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
-use plotters::coord::Shift;
-use plotters::coord::types::RangedCoordf64;
-use plotters::drawing::DrawingArea;
-use plotters::prelude::{
-    BLACK, Cartesian2d, Circle, Color, IntoFont, LineSeries, PathElement, RGBColor, WHITE,
+use chart::{
+    AROUND, Axes, COLORS, Chart, Drawn, Failure, Fallible, GREY, LIGHT_GREY, Sheet, around, legend,
+    stroke, way,
 };
-use plotters_backend::DrawingBackend;
+use plotters::chart::SeriesLabelPosition;
+use plotters::coord::Shift;
+use plotters::drawing::DrawingArea;
+use plotters::prelude::{Circle, Color, DrawingBackend, LineSeries, RGBColor};
 
-use super::super::sheet::{Drawn, Sheet};
+use super::super::sheet::{HEADING_PIXELS, headed};
 use super::case::Case;
 use super::entrants::Entrant;
 use super::report::Report;
@@ -21,22 +20,19 @@ use super::summary::{EntrantResult, Figures};
 use super::trial::{Outcome, Tally, TrackWay};
 use super::{ConditionResult, Scenario};
 
-const HEADING_PIXELS: u32 = 34;
-const PANEL_WIDTH: u32 = 400;
-/// What axes and captions take of a panel, pixels.
-const PANEL_MARGIN: u32 = 84;
+/// What the axes of a panel of ways enclose from left to right, pixels.
+const WAYS_WIDTH: u32 = 320;
 const CURVES_SIZE: (u32, u32) = (480, 330);
-const GREY: RGBColor = RGBColor(120, 120, 120);
-const LIGHT_GREY: RGBColor = RGBColor(228, 228, 228);
 const RED: RGBColor = RGBColor(220, 30, 30);
-/// At this size the library's guess of a text's width holds the widest letters of the raster.
-const LEGEND_SIZE: u32 = 16;
-/// Share of the curves' height that the legend needs more.
-const LEGEND_SHARE: f64 = 0.7;
+/// Share of the conditions' width that the legend stands in, beside them.
+const LEGEND_SHARE: f64 = 0.45;
+/// Room on either side of the conditions, which are 1 apart.
+const BESIDE: f64 = 0.3;
 /// Trials drawn one by one, as figure 8 has them.
 const SHOWN_TRIAL_COUNT: usize = 100;
-
-type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+/// Room around true ways, as a share of each axis, and what counts as an axis at least, metres.
+const MARGIN: f64 = 0.08;
+const LEAST_SPAN_M: f64 = 100.0;
 
 /// The first trial of a condition.
 #[derive(Clone, Debug, Default)]
@@ -66,16 +62,10 @@ impl Sample {
 
     /// What holds all true ways, with a margin.
     fn extent_m(&self) -> [Range<f64>; 2] {
-        let span = |axis: usize| {
-            let values = || self.truths_m.iter().flatten().map(|at_m| at_m[axis]);
-            let (low, high) = (
-                values().fold(f64::INFINITY, f64::min),
-                values().fold(f64::NEG_INFINITY, f64::max),
-            );
-            let margin = 0.08 * (high - low).max(100.0);
-            low - margin..high + margin
-        };
-        [span(0), span(1)]
+        around(self.truths_m.iter().flatten().copied()).map(|range| {
+            let margin = MARGIN * (range.end - range.start).max(LEAST_SPAN_M);
+            range.start - margin..range.end + margin
+        })
     }
 }
 
@@ -93,7 +83,10 @@ impl<'a> WaysPage<'a> {
         };
         let row = |result: &'a ConditionResult| (result.label.as_str(), &result.sample);
         Self {
-            heading: format!("{title}: the first trial, wrong links circled"),
+            heading: format!(
+                "{title}: the first trial; true ways are grey, thin lines join plots, wrong links are \
+                 circled"
+            ),
             rows: report.conditions.iter().map(row).collect(),
         }
     }
@@ -102,12 +95,12 @@ impl<'a> WaysPage<'a> {
         1 + self.rows.first().map_or(0, |(_, sample)| sample.tracks.len())
     }
 
-    /// As high as equal scales on both axes ask for.
-    fn row_height(&self) -> u32 {
-        let Some((_, sample)) = self.rows.first() else { return PANEL_WIDTH };
-        let [east_m, north_m] = sample.extent_m();
+    /// Of a panel, so that both axes have one scale.
+    fn panel_size(&self) -> (u32, u32) {
+        let first = self.rows.first().map(|(_, sample)| sample.extent_m());
+        let [east_m, north_m] = first.unwrap_or([0.0..1.0, 0.0..1.0]);
         let ratio = (north_m.end - north_m.start) / (east_m.end - east_m.start);
-        pixels(f64::from(PANEL_WIDTH - PANEL_MARGIN) * ratio) + PANEL_MARGIN
+        (AROUND.0 + WAYS_WIDTH, AROUND.1 + pixels(f64::from(WAYS_WIDTH) * ratio))
     }
 }
 
@@ -121,15 +114,14 @@ fn pixels(length: f64) -> u32 {
 }
 
 impl Sheet for WaysPage<'_> {
-    fn size(&self) -> anyhow::Result<(u32, u32)> {
+    fn size(&self) -> Fallible<(u32, u32)> {
         let (columns, rows) = (u32::try_from(self.columns())?, u32::try_from(self.rows.len())?);
-        Ok((columns.max(2) * PANEL_WIDTH, HEADING_PIXELS + rows * self.row_height()))
+        let (width, height) = self.panel_size();
+        Ok((columns.max(2) * width, HEADING_PIXELS + rows * height))
     }
 
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        area.fill(&WHITE)?;
-        let (heading, rest) = area.split_vertically(HEADING_PIXELS);
-        heading.titled(&self.heading, ("sans-serif", 22).into_font())?;
+        let rest = headed(area, &self.heading)?;
         let panels = rest.split_evenly((self.rows.len(), self.columns().max(2)));
         for ((label, sample), places) in self.rows.iter().zip(panels.chunks(self.columns().max(2)))
         {
@@ -146,35 +138,8 @@ fn panel<'a, B: DrawingBackend>(
     place: &'a DrawingArea<B, Shift>,
     title: &str,
     sample: &Sample,
-) -> Result<Chart<'a, B>, plotters::drawing::DrawingAreaErrorKind<B::ErrorType>> {
-    let [east_m, north_m] = sample.extent_m();
-    let mut chart = ChartBuilder::on(place)
-        .caption(title, ("sans-serif", 16).into_font())
-        .margin(8)
-        .x_label_area_size(38)
-        .y_label_area_size(46)
-        .build_cartesian_2d(east_m, north_m)?;
-    chart
-        .configure_mesh()
-        .x_desc("east, m")
-        .x_labels(5)
-        .y_labels(5)
-        .x_label_formatter(&whole)
-        .y_label_formatter(&whole)
-        .light_line_style(WHITE)
-        .bold_line_style(LIGHT_GREY)
-        .draw()?;
-    Ok(chart)
-}
-
-/// Without digits behind the point.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "the library asks for it")]
-fn whole(value: &f64) -> String {
-    format!("{value:.0}")
-}
-
-fn line(way_m: &[[f64; 2]]) -> Vec<(f64, f64)> {
-    way_m.iter().map(|[east_m, north_m]| (*east_m, *north_m)).collect()
+) -> Result<Chart<'a, B>, Failure<B>> {
+    Axes { title, x_title: "east, m", y_title: "north, m", ranges: sample.extent_m() }.on(place)
 }
 
 fn draw_truths<B: DrawingBackend>(
@@ -184,9 +149,9 @@ fn draw_truths<B: DrawingBackend>(
 ) -> Drawn<B> {
     let mut chart = panel(place, &format!("true ways and plots, {label}"), sample)?;
     for (way_m, color) in sample.truths_m.iter().zip(COLORS.iter().cycle()) {
-        chart.draw_series(LineSeries::new(line(way_m), color.stroke_width(2)))?;
+        way(&mut chart, way_m.iter().copied(), color.stroke_width(2))?;
     }
-    let dots = line(&sample.plots_m).into_iter();
+    let dots = sample.plots_m.iter().map(|[east_m, north_m]| (*east_m, *north_m));
     chart.draw_series(dots.map(|at| Circle::new(at, 2, GREY.filled())))?;
     Ok(())
 }
@@ -199,14 +164,14 @@ fn draw_tracks<B: DrawingBackend>(
 ) -> Drawn<B> {
     let mut chart = panel(place, title, sample)?;
     for way_m in &sample.truths_m {
-        chart.draw_series(LineSeries::new(line(way_m), LIGHT_GREY.stroke_width(3)))?;
+        way(&mut chart, way_m.iter().copied(), LIGHT_GREY.stroke_width(3))?;
     }
-    for (way, color) in ways.iter().zip(COLORS.iter().cycle()) {
-        let joined = way.plots_m.iter().map(|(at_m, _)| (at_m[0], at_m[1]));
-        chart.draw_series(LineSeries::new(joined, color.mix(0.45).stroke_width(1)))?;
-        chart.draw_series(LineSeries::new(line(&way.smoothed_m), color.stroke_width(2)))?;
+    for (track, color) in ways.iter().zip(COLORS.iter().cycle()) {
+        let joined = track.plots_m.iter().map(|(at_m, _)| *at_m);
+        way(&mut chart, joined, color.mix(0.45).stroke_width(1))?;
+        way(&mut chart, track.smoothed_m.iter().copied(), color.stroke_width(2))?;
     }
-    let wrong = ways.iter().flat_map(|way| way.plots_m.windows(2)).filter_map(|link| {
+    let wrong = ways.iter().flat_map(|track| track.plots_m.windows(2)).filter_map(|link| {
         let [(from_m, before), (to_m, after)] = link else { return None };
         let is_right = before.is_some() && before == after;
         let middle = (0.5 * (from_m[0] + to_m[0]), 0.5 * (from_m[1] + to_m[1]));
@@ -232,9 +197,9 @@ impl<'a> Comparison<'a> {
     fn mean_panels<B: DrawingBackend>(&self, place: &DrawingArea<B, Shift>) -> Drawn<B> {
         let halves = place.split_evenly((1, 2));
         let of_links = |figures: &Figures| figures.right_links.map(|f| 100.0 * f.value);
-        self.curves(&halves[0], "right links, %, by variance, m2", of_links)?;
-        let of_errors = |figures: &Figures| figures.rmse_m.map(|f| f.value * f.value);
-        self.curves(&halves[1], "mean square error, m2, by variance, m2", of_errors)
+        self.curves(&halves[0], "right links, %", of_links)?;
+        let of_errors = |figures: &Figures| figures.rmse_m.map(|f| 2.0 * f.value.log10());
+        self.curves(&halves[1], "log10 of mean square error, m2", of_errors)
     }
 
     /// One curve for every tracker over the conditions, which are as far apart as each other.
@@ -250,29 +215,15 @@ impl<'a> Comparison<'a> {
         };
         let all = (0..modes.len())
             .flat_map(|index| self.conditions.iter().filter_map(move |one| value(index, one)));
-        let mut reach = reach(all.collect());
-        // The legend stands above the curves.
-        reach.end += LEGEND_SHARE * (reach.end - reach.start);
-        let last = (self.conditions.len() as f64 - 1.0).max(0.0);
-        let mut chart = ChartBuilder::on(place)
-            .caption(title, ("sans-serif", 16).into_font())
-            .margin(10)
-            .x_label_area_size(30)
-            .y_label_area_size(60)
-            .build_cartesian_2d(-0.3..last + 0.3, reach)?;
-        let label = |x: &f64| {
-            let nearest =
-                self.conditions.iter().zip(0..).find(|(_, at)| (x - f64::from(*at)).abs() < 0.05);
-            let variance = nearest.and_then(|(condition, _)| condition.variance_m2);
-            variance.map_or_else(String::new, |variance_m2| variance_m2.to_string())
+        let width = self.conditions.len() as f64 - 1.0 + 2.0 * BESIDE;
+        let x_range = -BESIDE..(1.0 + LEGEND_SHARE) * width - BESIDE;
+        let axes = Axes {
+            title,
+            x_title: "variance on both axes, m2",
+            y_title: "",
+            ranges: [x_range, reach(all.collect())],
         };
-        chart
-            .configure_mesh()
-            .x_labels(12)
-            .x_label_formatter(&label)
-            .light_line_style(WHITE)
-            .bold_line_style(LIGHT_GREY)
-            .draw()?;
+        let mut chart = axes.labelled(place, &|x| self.variance(*x))?;
         for (index, mode) in modes.iter().enumerate() {
             let style = COLORS[index % COLORS.len()].stroke_width(2);
             let points: Vec<(f64, f64)> = (0..)
@@ -282,11 +233,19 @@ impl<'a> Comparison<'a> {
             chart
                 .draw_series(LineSeries::new(points.clone(), style))?
                 .label(mode.mode.name())
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], style));
+                .legend(move |at| stroke(at, style));
             let dots = points.into_iter();
             chart.draw_series(dots.map(|at| Circle::new(at, 3, style.filled())))?;
         }
-        legend(&mut chart)
+        legend(&mut chart, SeriesLabelPosition::UpperRight)
+    }
+
+    /// What stands below a condition, and nothing anywhere else.
+    fn variance(&self, x: f64) -> String {
+        let mut places = self.conditions.iter().zip(0..);
+        let found = places.find(|(_, at)| (x - f64::from(*at)).abs() < 1e-6);
+        let variance = found.and_then(|(condition, _)| condition.variance_m2);
+        variance.map_or_else(String::new, |variance_m2| variance_m2.to_string())
     }
 }
 
@@ -301,26 +260,14 @@ fn reach(values: Vec<f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-fn legend<'a, B: DrawingBackend + 'a>(chart: &mut Chart<'a, B>) -> Drawn<B> {
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperLeft)
-        .background_style(WHITE.mix(0.9))
-        .border_style(GREY)
-        .label_font(("sans-serif", LEGEND_SIZE).into_font())
-        .draw()
-}
-
 impl Sheet for Comparison<'_> {
-    fn size(&self) -> anyhow::Result<(u32, u32)> {
+    fn size(&self) -> Fallible<(u32, u32)> {
         let rows = 1 + u32::try_from(self.conditions.len())?;
         Ok((2 * CURVES_SIZE.0, HEADING_PIXELS + rows * CURVES_SIZE.1))
     }
 
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        area.fill(&WHITE)?;
-        let (heading, rest) = area.split_vertically(HEADING_PIXELS);
-        heading.titled(&self.heading, ("sans-serif", 22).into_font())?;
+        let rest = headed(area, &self.heading)?;
         let (means, singles) = rest.split_vertically(CURVES_SIZE.1);
         self.mean_panels(&means)?;
         let places = singles.split_evenly((self.conditions.len(), 2));
@@ -352,19 +299,8 @@ fn draw_trials<B: DrawingBackend>(
     let curves: Vec<Vec<(f64, f64)>> = condition.entrants.iter().map(shown).collect();
     let count = curves.iter().map(Vec::len).max().unwrap_or(0);
     let reach = reach(curves.iter().flatten().map(|(_, value)| *value).collect());
-    let mut chart = ChartBuilder::on(place)
-        .caption(title, ("sans-serif", 16).into_font())
-        .margin(10)
-        .x_label_area_size(34)
-        .y_label_area_size(60)
-        .build_cartesian_2d(0.0..(count as f64).max(1.0), reach)?;
-    chart
-        .configure_mesh()
-        .x_desc("trial")
-        .axis_style(BLACK)
-        .light_line_style(WHITE)
-        .bold_line_style(LIGHT_GREY)
-        .draw()?;
+    let ranges = [0.0..(count as f64).max(1.0), reach];
+    let mut chart = Axes { title, x_title: "trial", y_title: "", ranges }.on(place)?;
     for (points, color) in curves.into_iter().zip(COLORS.iter().cycle()) {
         chart.draw_series(LineSeries::new(points, color.stroke_width(1)))?;
     }

@@ -6,7 +6,7 @@ use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use comfy_table::{CellAlignment, Table};
 use serde::Serialize;
 
-use super::super::sheet::{Bar, Sheet, document, write};
+use super::super::sheet::{Bar, document, draw, write};
 use super::super::statistics::Figure;
 use super::entrants::Entrant;
 use super::load::{LoadResult, ScanTimes, Spread};
@@ -201,9 +201,9 @@ impl Report {
         if self.conditions.is_empty() {
             return Ok(());
         }
-        WaysPage::of(self).write(folder, "ways")?;
+        draw(&WaysPage::of(self), folder, "ways")?;
         if self.scenario == Scenario::FourTargets {
-            Comparison::of(self).write(folder, "comparison")?;
+            draw(&Comparison::of(self), folder, "comparison")?;
         }
         Ok(())
     }

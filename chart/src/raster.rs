@@ -21,7 +21,7 @@ type Drawn = Result<(), DrawingErrorKind<Infallible>>;
 
 /// Draws on a canvas of `size` pixels. Knows ASCII, written from left to right, in two sizes.
 #[derive(Debug)]
-pub struct Raster<'a> {
+pub(crate) struct Raster<'a> {
     canvas: &'a mut Canvas,
     size: (u32, u32),
 }
@@ -29,7 +29,7 @@ pub struct Raster<'a> {
 impl<'a> Raster<'a> {
     /// Draws on `canvas`, which must be of `size`: width and height.
     #[must_use]
-    pub fn new(canvas: &'a mut Canvas, size: (u32, u32)) -> Self {
+    pub(crate) fn new(canvas: &'a mut Canvas, size: (u32, u32)) -> Self {
         Self { canvas, size }
     }
 }
