@@ -8,12 +8,13 @@
 //!
 //! `cargo bench -p fusion-center --bench assignment` takes about two minutes.
 
+mod processor_time;
+
 use std::f64::consts::PI;
 use std::hint::black_box;
 use std::time::Duration;
 
-use criterion::measurement::{Measurement, ValueFormatter, WallTime};
-use criterion::{BenchmarkGroup, Criterion};
+use criterion::BenchmarkGroup;
 use fusion_center::tracking::assign::{
     Components, Edges, MarginalLimits, Marginals, Second, Solver,
 };
@@ -21,48 +22,7 @@ use fusion_center::tracking::gate::Grid;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
-/// Time that this thread has had a processor: others on the machine cost it nothing.
-struct ProcessorTime;
-
-impl ProcessorTime {
-    fn now() -> Duration {
-        // Giving way makes the kernel count what the thread has used.
-        std::thread::yield_now();
-        let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-        let used_ns = text.split_whitespace().next().and_then(|word| word.parse().ok());
-        Duration::from_nanos(used_ns.unwrap_or(0))
-    }
-}
-
-impl Measurement for ProcessorTime {
-    type Intermediate = Duration;
-    type Value = Duration;
-
-    fn start(&self) -> Duration {
-        Self::now()
-    }
-
-    fn end(&self, start: Duration) -> Duration {
-        // A sample of no time at all has no rate.
-        Self::now().saturating_sub(start).max(Duration::from_nanos(1))
-    }
-
-    fn add(&self, one: &Duration, other: &Duration) -> Duration {
-        *one + *other
-    }
-
-    fn zero(&self) -> Duration {
-        Duration::ZERO
-    }
-
-    fn to_f64(&self, value: &Duration) -> f64 {
-        WallTime.to_f64(value)
-    }
-
-    fn formatter(&self) -> &dyn ValueFormatter {
-        WallTime.formatter()
-    }
-}
+use processor_time::{ProcessorTime, by_processor_time};
 
 /// Chi-square gate, and twice what leaving a pair apart costs.
 const GATE: f64 = 9.21;
@@ -150,7 +110,7 @@ fn bench(group: &mut BenchmarkGroup<'_, ProcessorTime>, name: &str, scene: &Scen
 }
 
 fn main() {
-    let mut criterion = Criterion::default().with_measurement(ProcessorTime).configure_from_args();
+    let mut criterion = by_processor_time();
     let mut group = criterion.benchmark_group("assignment");
     group.sample_size(20);
     group.warm_up_time(Duration::from_millis(300));

@@ -6,11 +6,12 @@
 //!
 //! `cargo bench -p fusion-center --bench registration` takes about four minutes.
 
+mod processor_time;
+
 use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::time::Duration;
 
-use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkGroup, Criterion};
 use fusion_center::network::{NodeView, SeenSet, SiteProblem, solve_site};
 use fusion_center::registration::{
@@ -25,48 +26,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::ThreadPoolBuilder;
 
-/// Time that this thread has had a processor: others on the machine cost it nothing.
-struct ProcessorTime;
-
-impl ProcessorTime {
-    fn now() -> Duration {
-        // Giving way makes the kernel count what the thread has used.
-        std::thread::yield_now();
-        let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-        let used_ns = text.split_whitespace().next().and_then(|word| word.parse().ok());
-        Duration::from_nanos(used_ns.unwrap_or(0))
-    }
-}
-
-impl Measurement for ProcessorTime {
-    type Intermediate = Duration;
-    type Value = Duration;
-
-    fn start(&self) -> Duration {
-        Self::now()
-    }
-
-    fn end(&self, start: Duration) -> Duration {
-        // A sample of no time at all has no rate.
-        Self::now().saturating_sub(start).max(Duration::from_nanos(1))
-    }
-
-    fn add(&self, one: &Duration, other: &Duration) -> Duration {
-        *one + *other
-    }
-
-    fn zero(&self) -> Duration {
-        Duration::ZERO
-    }
-
-    fn to_f64(&self, value: &Duration) -> f64 {
-        WallTime.to_f64(value)
-    }
-
-    fn formatter(&self) -> &dyn ValueFormatter {
-        WallTime.formatter()
-    }
-}
+use processor_time::{ProcessorTime, by_processor_time};
 
 type Group<'a> = BenchmarkGroup<'a, ProcessorTime>;
 
@@ -281,7 +241,7 @@ fn nodes(criterion: &mut Criterion<ProcessorTime>) {
 fn main() {
     // Whatever the solvers do in parallel is done by this thread, whose time is measured.
     drop(ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global());
-    let mut criterion = Criterion::default().with_measurement(ProcessorTime).configure_from_args();
+    let mut criterion = by_processor_time();
     paper(&mut criterion);
     periods(&mut criterion);
     points(&mut criterion);
