@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use proto::process;
 use tokio_util::sync::CancellationToken;
 
-use crate::montecarlo::{self, indoors, mean_shift, wide_area};
+use crate::montecarlo::{self, Results, Study, carry_out, indoors, mean_shift, wide_area};
 use crate::moves::NodeMove;
 use crate::plan::merge;
 use crate::report::{Report, Summary};
@@ -260,59 +260,31 @@ async fn run_wide(
 fn montecarlo(flags: &MonteCarloFlags, stop: &CancellationToken) -> anyhow::Result<()> {
     match &flags.other {
         Some(OtherExperiment::MeanShift { experiment, output }) => {
-            return follow(experiment, output, stop);
+            output.fill::<mean_shift::Experiment>(experiment, stop)
         }
         Some(OtherExperiment::Indoors { experiment, output }) => {
-            return rehearse(experiment, output, stop);
+            output.fill::<indoors::Experiment>(experiment, stop)
         }
         Some(OtherExperiment::WideArea { experiment, output }) => {
-            return fly(experiment, output, stop);
+            output.fill::<wide_area::Experiment>(experiment, stop)
         }
-        None => {}
+        None => {
+            let missing = "name a figure, such as fig6, or mean-shift, indoors or wide-area";
+            let figure = flags.figure.as_ref().context(missing)?;
+            flags.output.fill::<montecarlo::Experiment>(figure, stop)
+        }
     }
-    let missing = "name a figure, such as fig6, or mean-shift, indoors or wide-area";
-    let figure = flags.figure.as_ref().context(missing)?;
-    let experiment = montecarlo::Experiment::new(figure)?;
-    let output = &flags.output;
-    let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
-    // Signals come on a thread of their own: nothing else waits for this one.
-    let report = montecarlo::run(&experiment, &folder, stop)?;
-    output.print(&folder, report.json()?, &report.table())
-}
-
-fn follow(
-    flags: &mean_shift::Flags,
-    output: &Output,
-    stop: &CancellationToken,
-) -> anyhow::Result<()> {
-    let experiment = mean_shift::Experiment::new(flags)?;
-    let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
-    let report = mean_shift::run(&experiment, &folder, stop)?;
-    output.print(&folder, report.json()?, &report.table())
-}
-
-fn rehearse(
-    flags: &indoors::Flags,
-    output: &Output,
-    stop: &CancellationToken,
-) -> anyhow::Result<()> {
-    let experiment = indoors::Experiment::new(flags)?;
-    let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
-    let report = indoors::run(&experiment, &folder, stop)?;
-    output.print(&folder, report.json()?, &report.table())
-}
-
-fn fly(flags: &wide_area::Flags, output: &Output, stop: &CancellationToken) -> anyhow::Result<()> {
-    let experiment = wide_area::Experiment::new(flags)?;
-    let folder = new_folder(output.folder.as_deref(), &experiment.name())?;
-    let report = wide_area::run(&experiment, &folder, stop)?;
-    output.print(&folder, report.json()?, &report.table())
 }
 
 impl Output {
-    fn print(&self, folder: &Path, json: String, table: &str) -> anyhow::Result<()> {
-        let tables = || format!("{table}files in {}\n", folder.display());
-        process::print(&if self.format.json { json + "\n" } else { tables() })
+    /// Carries an experiment out, leaves its results in the folder and prints them.
+    fn fill<S: Study>(&self, flags: &S::Flags, stop: &CancellationToken) -> anyhow::Result<()> {
+        let study = S::new(flags)?;
+        let folder = new_folder(self.folder.as_deref(), &study.name())?;
+        // Signals come on a thread of their own: nothing else waits for this one.
+        let report = carry_out(&study, &folder, stop)?;
+        let tables = || format!("{}files in {}\n", report.table(), folder.display());
+        process::print(&if self.format.json { report.json()? + "\n" } else { tables() })
     }
 }
 

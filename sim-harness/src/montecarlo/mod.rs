@@ -5,7 +5,6 @@
 //! seeds ─ points drawn | echoes ─ chain ─► Case ─ every solver ─► TrialScore ─► MethodScore ─► table, JSON, curves
 //! ```
 
-use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{bail, ensure};
@@ -29,6 +28,7 @@ mod score;
 mod sheet;
 mod solvers;
 mod statistics;
+mod study;
 #[cfg(test)]
 mod tests;
 mod trials;
@@ -38,6 +38,7 @@ use echoes::Stage;
 pub(crate) use report::Report;
 use score::{MethodScore, PoseError, Reach, TrialScore};
 use solvers::Entrant;
+pub(crate) use study::{Results, Study, carry_out};
 use trials::{Case, Seeds};
 
 /// Trials of a simulated figure \[registration, section 3\].
@@ -158,12 +159,11 @@ pub(crate) struct Experiment {
     scenario: Option<Scenario>,
 }
 
-impl Experiment {
-    /// The experiment that the flags ask for.
-    ///
-    /// # Errors
-    /// Says what makes no sense and what would do.
-    pub(crate) fn new(flags: &Flags) -> anyhow::Result<Self> {
+impl Study for Experiment {
+    type Flags = Flags;
+    type Report = Report;
+
+    fn new(flags: &Flags) -> anyhow::Result<Self> {
         let Flags { figure, seed, .. } = *flags;
         let is_room = figure == Figure::Fig10;
         let level = flags.level.unwrap_or(if is_room { Level::Echoes } else { Level::Points });
@@ -195,8 +195,7 @@ impl Experiment {
         Ok(Self { figure, level, trial_count, seed, conditions, entrants, scenario })
     }
 
-    /// A short name for folders, such as `fig6-points`.
-    pub(crate) fn name(&self) -> String {
+    fn name(&self) -> String {
         let figure = match self.figure {
             Figure::Fig6 => "fig6",
             Figure::Fig7 => "fig7",
@@ -206,20 +205,7 @@ impl Experiment {
         format!("{figure}-{kind}")
     }
 
-    /// Up to where curves are drawn: the box lies well inside.
-    fn reach(&self) -> Reach {
-        let name = self.scenario.as_ref().map_or("paper", |scenario| scenario.name.as_str());
-        match name {
-            "paper" => Reach { position_m: 0.15, angle_deg: 2.0 },
-            _ => Reach { position_m: 0.5, angle_deg: 6.0 },
-        }
-    }
-
-    /// Draws all trials and lets every solver solve them.
-    ///
-    /// # Errors
-    /// If the scenario cannot be simulated, or `stop` was called.
-    pub(crate) fn run(&self, stop: &CancellationToken) -> anyhow::Result<Report> {
+    fn run(&self, stop: &CancellationToken) -> anyhow::Result<Report> {
         let started = Instant::now();
         let results = self.conditions.iter().map(|condition| self.run_condition(condition, stop));
         let results = results.collect::<anyhow::Result<_>>()?;
@@ -233,6 +219,17 @@ impl Experiment {
             conditions: results,
             elapsed_s: started.elapsed().as_secs_f64(),
         })
+    }
+}
+
+impl Experiment {
+    /// Up to where curves are drawn: the box lies well inside.
+    fn reach(&self) -> Reach {
+        let name = self.scenario.as_ref().map_or("paper", |scenario| scenario.name.as_str());
+        match name {
+            "paper" => Reach { position_m: 0.15, angle_deg: 2.0 },
+            _ => Reach { position_m: 0.5, angle_deg: 6.0 },
+        }
     }
 
     fn run_condition(
@@ -344,18 +341,4 @@ impl Work<'_> {
 /// The time of all processors while `wall` went by.
 fn processor_time(wall: Duration) -> Duration {
     wall * u32::try_from(rayon::current_num_threads()).unwrap_or(1)
-}
-
-/// Runs the experiment and writes `montecarlo.json` and the curves into `folder`.
-///
-/// # Errors
-/// If it cannot be run, was stopped, or a file cannot be written.
-pub(crate) fn run(
-    experiment: &Experiment,
-    folder: &Path,
-    stop: &CancellationToken,
-) -> anyhow::Result<Report> {
-    let report = experiment.run(stop)?;
-    report.write(folder)?;
-    Ok(report)
 }

@@ -6,6 +6,7 @@ use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use comfy_table::{CellAlignment, Table};
 use serde::Serialize;
 
+use super::Results;
 use super::picture::Page;
 use super::score::{MethodScore, Reach};
 use super::sheet::{Bar, document, draw, write};
@@ -35,31 +36,8 @@ pub(crate) struct Report {
     pub(super) elapsed_s: f64,
 }
 
-impl Report {
-    /// The bars that the figure sets the default solver; none if it did not take part, and none for
-    /// points and scenarios of one's own.
-    pub(super) fn bars(&self) -> Vec<Bar> {
-        let judged = || {
-            self.conditions.iter().filter_map(|result| {
-                let ours = result.methods.iter().find(|method| method.method == JUDGED)?;
-                Some((result.condition.label, ours))
-            })
-        };
-        let scenario = self.scenario.as_deref();
-        match (self.figure, scenario) {
-            (Figure::Fig10, _) => judged().map(|(label, ours)| room_bar(label, ours)).collect(),
-            (Figure::Fig6 | Figure::Fig7, Some("paper-physical")) => {
-                judged().map(|(label, ours)| bound_bar(label, ours)).collect()
-            }
-            (Figure::Fig6 | Figure::Fig7, Some("paper")) => {
-                judged().map(|(label, ours)| box_bar(label, ours)).collect()
-            }
-            (Figure::Fig6 | Figure::Fig7, _) => Vec::new(),
-        }
-    }
-
-    /// The table, condition by condition.
-    pub(crate) fn table(&self) -> String {
+impl Results for Report {
+    fn table(&self) -> String {
         let mut table = Table::new();
         table.load_style(UTF8_HORIZONTAL_ONLY).set_header([
             "condition",
@@ -85,6 +63,39 @@ impl Report {
             }
         }
         format!("{}\n{table}\n{}", self.title(), self.notes())
+    }
+
+    fn json(&self) -> anyhow::Result<String> {
+        document(self, self.bars())
+    }
+
+    fn write(&self, folder: &Path) -> anyhow::Result<()> {
+        write(folder, "montecarlo.json", self.json()?.as_bytes())?;
+        draw(&Page::of(self), folder, "errors")
+    }
+}
+
+impl Report {
+    /// The bars that the figure sets the default solver; none if it did not take part, and none for
+    /// points and scenarios of one's own.
+    pub(super) fn bars(&self) -> Vec<Bar> {
+        let judged = || {
+            self.conditions.iter().filter_map(|result| {
+                let ours = result.methods.iter().find(|method| method.method == JUDGED)?;
+                Some((result.condition.label, ours))
+            })
+        };
+        let scenario = self.scenario.as_deref();
+        match (self.figure, scenario) {
+            (Figure::Fig10, _) => judged().map(|(label, ours)| room_bar(label, ours)).collect(),
+            (Figure::Fig6 | Figure::Fig7, Some("paper-physical")) => {
+                judged().map(|(label, ours)| bound_bar(label, ours)).collect()
+            }
+            (Figure::Fig6 | Figure::Fig7, Some("paper")) => {
+                judged().map(|(label, ours)| box_bar(label, ours)).collect()
+            }
+            (Figure::Fig6 | Figure::Fig7, _) => Vec::new(),
+        }
     }
 
     fn title(&self) -> String {
@@ -119,23 +130,6 @@ impl Report {
             );
         }
         notes + &self.bars().iter().map(Bar::line).collect::<String>()
-    }
-
-    /// The document: the report and its bars.
-    ///
-    /// # Errors
-    /// If a number cannot be written as JSON.
-    pub(crate) fn json(&self) -> anyhow::Result<String> {
-        document(self, self.bars())
-    }
-
-    /// Writes `montecarlo.json`, `errors.svg` and `errors.png` into the folder.
-    ///
-    /// # Errors
-    /// If they cannot be drawn or written.
-    pub(super) fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        write(folder, "montecarlo.json", self.json()?.as_bytes())?;
-        draw(&Page::of(self), folder, "errors")
     }
 
     /// Heading of the picture.

@@ -1,23 +1,16 @@
 //! Tests of whole experiments.
 
-use clap::Parser;
 use tokio_util::sync::CancellationToken;
 
+use super::study::words::{asked, reported};
 use super::*;
 
-#[derive(Parser)]
-struct Line {
-    #[command(flatten)]
-    flags: Flags,
-}
-
 fn experiment(words: &str) -> anyhow::Result<Experiment> {
-    let words = std::iter::once("montecarlo").chain(words.split_whitespace());
-    Experiment::new(&Line::try_parse_from(words)?.flags)
+    asked(words)
 }
 
 fn report(words: &str) -> Report {
-    experiment(words).unwrap().run(&CancellationToken::new()).unwrap()
+    reported::<Experiment>(words)
 }
 
 /// The report without what differs from run to run.
@@ -137,7 +130,7 @@ fn echoes_give_the_papers_box_and_the_same_whatever_the_threads() {
 fn the_report_is_written_as_json_svg_and_png() {
     let folder = tempfile::tempdir().unwrap();
     let experiment = experiment("fig7 --trials 20 --solvers default --seed 3").unwrap();
-    let report = run(&experiment, folder.path(), &CancellationToken::new()).unwrap();
+    let report = carry_out(&experiment, folder.path(), &CancellationToken::new()).unwrap();
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     let document: serde_json::Value = serde_json::from_slice(&read("montecarlo.json")).unwrap();
     assert_eq!(document["figure"], "fig7");
@@ -146,7 +139,7 @@ fn the_report_is_written_as_json_svg_and_png() {
     let svg = String::from_utf8(read("errors.svg")).unwrap();
     assert!(svg.contains("Cramer-Rao bound") && svg.contains("position error"));
     assert!(read("errors.png").starts_with(b"\x89PNG"));
-    let broken = run(&experiment, &folder.path().join("none"), &CancellationToken::new());
+    let broken = carry_out(&experiment, &folder.path().join("none"), &CancellationToken::new());
     assert!(broken.err().unwrap().to_string().contains("montecarlo.json"));
 }
 

@@ -5,15 +5,13 @@
 //! seed ─ echoes ─ every node's chain ─► centre ─► pictures ─► Scorer ─► Outcome ─► table, JSON
 //! ```
 
-use std::path::Path;
-
 use anyhow::ensure;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::Work;
 use super::mean_shift::summary::figures;
 use super::statistics::Proportion;
+use super::{Study, Work};
 use crate::metrics::{OspaScale, Score, Settings};
 use crate::scenario::{Scenario, find};
 
@@ -62,12 +60,11 @@ pub(crate) struct Experiment {
     settings: Settings,
 }
 
-impl Experiment {
-    /// What the flags ask for.
-    ///
-    /// # Errors
-    /// Says what makes no sense and what would do.
-    pub(crate) fn new(flags: &Flags) -> anyhow::Result<Self> {
+impl Study for Experiment {
+    type Flags = Flags;
+    type Report = Report;
+
+    fn new(flags: &Flags) -> anyhow::Result<Self> {
         let Flags { trials, seed, gate_m, .. } = *flags;
         let is_count = (1..=MAX_TRIAL_COUNT).contains(&trials);
         ensure!(is_count, "--trials is {trials}: use 1 to {MAX_TRIAL_COUNT}");
@@ -92,8 +89,7 @@ impl Experiment {
         Ok(Self { scenario, trial_count: trials, seed, settings })
     }
 
-    /// A short name for folders.
-    pub(crate) fn name(&self) -> String {
+    fn name(&self) -> String {
         format!("indoors-{}", self.scenario.name)
     }
 
@@ -120,18 +116,4 @@ impl Experiment {
             elapsed_s: started.elapsed().as_secs_f64(),
         })
     }
-}
-
-/// Plays all trials and writes `montecarlo.json` into `folder`.
-///
-/// # Errors
-/// If they cannot be played, were stopped, or a file cannot be written.
-pub(crate) fn run(
-    experiment: &Experiment,
-    folder: &Path,
-    stop: &CancellationToken,
-) -> anyhow::Result<Report> {
-    let report = experiment.run(stop)?;
-    report.write(folder)?;
-    Ok(report)
 }

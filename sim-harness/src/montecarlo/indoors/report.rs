@@ -6,8 +6,9 @@ use comfy_table::Table;
 use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use serde::Serialize;
 
+use super::super::Results;
 use super::super::mean_shift::summary::Figures;
-use super::super::sheet::{document, write};
+use super::super::sheet::{Bar, document, write};
 use super::super::statistics::{Figure, Proportion};
 use super::trial::Outcome;
 use super::{LONGEST_FALSE_S, Settings};
@@ -33,11 +34,34 @@ pub(crate) struct Report {
     pub(super) elapsed_s: f64,
 }
 
-/// What should be reached.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Bar {
-    text: String,
-    is_met: bool,
+impl Results for Report {
+    fn table(&self) -> String {
+        let mut table = Table::new();
+        table.load_style(UTF8_HORIZONTAL_ONLY).set_header(["figure", "value (95 %)"]);
+        for (name, value) in self.rows() {
+            table.add_row([name.to_owned(), value]);
+        }
+        let Self { scenario, trial_count, seed, elapsed_s, .. } = self;
+        let mut text = format!(
+            "people at the centre: {scenario}, {trial_count} trials, first seed {seed}, \
+             {elapsed_s:.1} s\n{table}\n"
+        );
+        let Settings { gate_m, allowance_s, gospa_cutoff_m, .. } = self.settings;
+        text += &format!(
+            "scored from the first confirmed person on; followed: within {gate_m} m of the body's \
+             middle; missed: from {allowance_s} s on; GOSPA: p 2, alpha 2, c {gospa_cutoff_m} m; \
+             NEES: 2 if the covariance is true\n"
+        );
+        text + &self.bars().iter().map(Bar::line).collect::<String>()
+    }
+
+    fn json(&self) -> anyhow::Result<String> {
+        document(self, self.bars())
+    }
+
+    fn write(&self, folder: &Path) -> anyhow::Result<()> {
+        write(folder, "montecarlo.json", self.json()?.as_bytes())
+    }
 }
 
 impl Report {
@@ -66,30 +90,6 @@ impl Report {
         ]
     }
 
-    /// The figures, one below the other.
-    pub(crate) fn table(&self) -> String {
-        let mut table = Table::new();
-        table.load_style(UTF8_HORIZONTAL_ONLY).set_header(["figure", "value (95 %)"]);
-        for (name, value) in self.rows() {
-            table.add_row([name.to_owned(), value]);
-        }
-        let Self { scenario, trial_count, seed, elapsed_s, .. } = self;
-        let mut text = format!(
-            "people at the centre: {scenario}, {trial_count} trials, first seed {seed}, \
-             {elapsed_s:.1} s\n{table}\n"
-        );
-        let Settings { gate_m, allowance_s, gospa_cutoff_m, .. } = self.settings;
-        text += &format!(
-            "scored from the first confirmed person on; followed: within {gate_m} m of the body's \
-             middle; missed: from {allowance_s} s on; GOSPA: p 2, alpha 2, c {gospa_cutoff_m} m; \
-             NEES: 2 if the covariance is true\n"
-        );
-        for Bar { text: told, is_met } in self.bars() {
-            text += &format!("bar: {told}: {}\n", if is_met { "met" } else { "NOT met" });
-        }
-        text
-    }
-
     fn rows(&self) -> Vec<(&'static str, String)> {
         let text = |figure: Option<Figure>, digits: usize| {
             figure.map_or_else(|| "none".to_owned(), |figure| figure.text(digits))
@@ -112,17 +112,5 @@ impl Report {
             ("NEES of the position", text(figures.nees, 2)),
             ("first person followed after, s", format!("{mean_s:.1} ({} runs)", starts.len())),
         ]
-    }
-
-    /// The document: the report and its bars.
-    ///
-    /// # Errors
-    /// If a number cannot be written as JSON.
-    pub(crate) fn json(&self) -> anyhow::Result<String> {
-        document(self, self.bars())
-    }
-
-    pub(super) fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        write(folder, "montecarlo.json", self.json()?.as_bytes())
     }
 }

@@ -1,15 +1,11 @@
 //! The experiment indoors, small.
 
+use super::super::Results;
+use super::super::study::words::{asked, reported};
 use super::*;
 
 fn experiment(words: &str) -> anyhow::Result<Experiment> {
-    #[derive(clap::Parser)]
-    struct Line {
-        #[command(flatten)]
-        flags: Flags,
-    }
-    let words = ["indoors"].into_iter().chain(words.split_whitespace());
-    Experiment::new(&<Line as clap::Parser>::try_parse_from(words)?.flags)
+    asked(words)
 }
 
 #[test]
@@ -28,7 +24,7 @@ fn what_makes_no_sense_is_named() {
 /// Three people, four nodes: each is followed by one track, near where they are.
 #[test]
 fn the_centre_follows_everybody_in_the_office() {
-    let report = experiment("--trials 3 --seed 5").unwrap().run(&CancellationToken::new()).unwrap();
+    let report = reported::<Experiment>("--trials 3 --seed 5");
     let figures = &report.figures;
     assert!(figures.rmse_m.unwrap().value < 0.2, "{}", report.table());
     assert!(figures.missed_share.unwrap().value < 0.1, "{}", report.table());

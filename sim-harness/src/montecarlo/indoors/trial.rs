@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use proto::wire::Picture;
 use serde::Serialize;
+use tracing::Level;
+use tracing::subscriber::{NoSubscriber, with_default};
 
 use crate::metrics::{Estimate, Score, Scorer, Settings, Truth};
 use crate::rehearsal::Rehearsal;
@@ -47,6 +49,14 @@ impl Strays {
 /// # Errors
 /// If it cannot be played.
 pub(super) fn play(scenario: &Scenario, settings: Settings) -> anyhow::Result<Outcome> {
+    // The centre tells of every registration: of many trials at once nobody could read that.
+    if tracing::enabled!(Level::DEBUG) {
+        return play_aloud(scenario, settings);
+    }
+    with_default(NoSubscriber::new(), || play_aloud(scenario, settings))
+}
+
+fn play_aloud(scenario: &Scenario, settings: Settings) -> anyhow::Result<Outcome> {
     let mut rehearsal = Rehearsal::new(scenario)?;
     let mut scorer: Scorer<usize, u64> = Scorer::new(settings)?;
     let (mut first_s, mut strays, mut switches_s) = (None, Strays::default(), Vec::new());

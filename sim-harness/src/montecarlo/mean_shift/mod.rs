@@ -6,7 +6,6 @@
 //! ```
 
 use std::ops::RangeInclusive;
-use std::path::Path;
 
 use anyhow::ensure;
 use clap::ValueEnum;
@@ -17,7 +16,7 @@ use serde::Serialize;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::Work;
+use super::{Study, Work};
 use crate::metrics::{OspaScale, Settings};
 
 mod centroid;
@@ -110,12 +109,11 @@ pub(crate) struct Experiment {
     snr_db: f64,
 }
 
-impl Experiment {
-    /// The experiments that the flags ask for.
-    ///
-    /// # Errors
-    /// Says what makes no sense and what would do.
-    pub(crate) fn new(flags: &Flags) -> anyhow::Result<Self> {
+impl Study for Experiment {
+    type Flags = Flags;
+    type Report = Report;
+
+    fn new(flags: &Flags) -> anyhow::Result<Self> {
         let Flags { trials, seed, gate_m, snr_db, .. } = *flags;
         let is_count = (1..=MAX_TRIAL_COUNT).contains(&trials);
         ensure!(is_count, "--trials is {trials}: use 1 to {MAX_TRIAL_COUNT}");
@@ -138,17 +136,12 @@ impl Experiment {
         Ok(Self { scenes, trial_count: trials, seed, entrants, settings, snr_db })
     }
 
-    /// A short name for folders.
-    pub(crate) fn name(&self) -> String {
+    fn name(&self) -> String {
         let numbers: String = self.scenes.iter().map(|scene| scene.number().to_string()).collect();
         format!("mean-shift-{numbers}")
     }
 
-    /// Simulates all trials and lets every tracker follow the people.
-    ///
-    /// # Errors
-    /// If a chain cannot be built, or `stop` was called.
-    pub(crate) fn run(&self, stop: &CancellationToken) -> anyhow::Result<Report> {
+    fn run(&self, stop: &CancellationToken) -> anyhow::Result<Report> {
         let started = Instant::now();
         let results = self.scenes.iter().map(|scene| self.run_scene(*scene, stop));
         Ok(Report {
@@ -160,7 +153,9 @@ impl Experiment {
             elapsed_s: started.elapsed().as_secs_f64(),
         })
     }
+}
 
+impl Experiment {
     fn run_scene(&self, scene: Scene, stop: &CancellationToken) -> anyhow::Result<SceneResult> {
         let theatre = Theatre::new(scene, &self.entrants, self.settings)?.at_snr_db(self.snr_db);
         let label = LABELS[scene.number() - 1];
@@ -214,18 +209,4 @@ struct TrackerResult {
     /// The first trial.
     #[serde(skip)]
     first: Paths,
-}
-
-/// Runs the experiments and writes `montecarlo.json` and the pictures into `folder`.
-///
-/// # Errors
-/// If they cannot be run, were stopped, or a file cannot be written.
-pub(crate) fn run(
-    experiment: &Experiment,
-    folder: &Path,
-    stop: &CancellationToken,
-) -> anyhow::Result<Report> {
-    let report = experiment.run(stop)?;
-    report.write(folder)?;
-    Ok(report)
 }

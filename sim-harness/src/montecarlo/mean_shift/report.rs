@@ -6,6 +6,7 @@ use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use comfy_table::{CellAlignment, Table};
 use serde::Serialize;
 
+use super::super::Results;
 use super::super::sheet::{Bar, document, draw, write};
 use super::picture::Page;
 use super::published::{Bounds, bounds};
@@ -30,18 +31,8 @@ pub(crate) struct Report {
     pub(super) elapsed_s: f64,
 }
 
-impl Report {
-    /// The bars of the default tracker; none if it did not take part.
-    pub(super) fn bars(&self) -> Vec<Bar> {
-        let judged = self.experiments.iter().filter_map(|result| {
-            let ours = result.trackers.iter().find(|one| one.summary.tracker == JUDGED)?;
-            Some(bar(result, &bounds(result.number), &ours.summary.figures))
-        });
-        judged.collect()
-    }
-
-    /// The table, experiment by experiment.
-    pub(crate) fn table(&self) -> String {
+impl Results for Report {
+    fn table(&self) -> String {
         let mut table = Table::new();
         table.load_style(UTF8_HORIZONTAL_ONLY).set_header([
             "experiment",
@@ -74,6 +65,29 @@ impl Report {
         format!("{}\n{table}\n{}", self.title(), self.notes())
     }
 
+    fn json(&self) -> anyhow::Result<String> {
+        document(self, self.bars())
+    }
+
+    fn write(&self, folder: &Path) -> anyhow::Result<()> {
+        write(folder, "montecarlo.json", self.json()?.as_bytes())?;
+        for result in &self.experiments {
+            draw(&Page::of(self, result), folder, &format!("experiment-{}", result.number))?;
+        }
+        Ok(())
+    }
+}
+
+impl Report {
+    /// The bars of the default tracker; none if it did not take part.
+    pub(super) fn bars(&self) -> Vec<Bar> {
+        let judged = self.experiments.iter().filter_map(|result| {
+            let ours = result.trackers.iter().find(|one| one.summary.tracker == JUDGED)?;
+            Some(bar(result, &bounds(result.number), &ours.summary.figures))
+        });
+        judged.collect()
+    }
+
     fn title(&self) -> String {
         let Self { trial_count, seed, snr_db, elapsed_s, .. } = self;
         format!(
@@ -95,26 +109,6 @@ impl Report {
             notes += &format!("{}: {:.1} s\n", result.label, result.took_s);
         }
         notes + &self.bars().iter().map(Bar::line).collect::<String>()
-    }
-
-    /// The document: the report and its bars.
-    ///
-    /// # Errors
-    /// If a number cannot be written as JSON.
-    pub(crate) fn json(&self) -> anyhow::Result<String> {
-        document(self, self.bars())
-    }
-
-    /// Writes `montecarlo.json` and each experiment's picture, as SVG and as PNG, into the folder.
-    ///
-    /// # Errors
-    /// If they cannot be drawn or written.
-    pub(super) fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        write(folder, "montecarlo.json", self.json()?.as_bytes())?;
-        for result in &self.experiments {
-            draw(&Page::of(self, result), folder, &format!("experiment-{}", result.number))?;
-        }
-        Ok(())
     }
 }
 

@@ -1,23 +1,16 @@
 //! Tests of whole experiments.
 
-use clap::Parser;
-
+use super::super::study::words::{asked, reported};
+use super::super::{Results, carry_out};
 use super::summary::Figures;
 use super::*;
 
-#[derive(Parser)]
-struct Line {
-    #[command(flatten)]
-    flags: Flags,
-}
-
 fn experiment(words: &str) -> anyhow::Result<Experiment> {
-    let words = std::iter::once("mean-shift").chain(words.split_whitespace());
-    Experiment::new(&Line::try_parse_from(words)?.flags)
+    asked(words)
 }
 
 fn report(words: &str) -> Report {
-    experiment(words).unwrap().run(&CancellationToken::new()).unwrap()
+    reported::<Experiment>(words)
 }
 
 /// The report without what differs from run to run.
@@ -118,7 +111,7 @@ fn without_its_weights_the_papers_tracker_is_worse() {
 fn the_report_is_written_as_json_svg_and_png() {
     let folder = tempfile::tempdir().unwrap();
     let experiment = experiment("--experiment 4 --trials 1 --trackers centroid --seed 3").unwrap();
-    let report = run(&experiment, folder.path(), &CancellationToken::new()).unwrap();
+    let report = carry_out(&experiment, folder.path(), &CancellationToken::new()).unwrap();
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     let document: serde_json::Value = serde_json::from_slice(&read("montecarlo.json")).unwrap();
     let centroid = &document["experiments"][0]["trackers"][0];
@@ -131,7 +124,7 @@ fn the_report_is_written_as_json_svg_and_png() {
     assert!(svg.contains("RMS error") && svg.contains("paths of the first trial"));
     assert!(read("experiment-4.png").starts_with(b"\x89PNG"));
     assert!(report.table().contains("GOSPA: p 2, alpha 2, c 1 m"));
-    let broken = run(&experiment, &folder.path().join("none"), &CancellationToken::new());
+    let broken = carry_out(&experiment, &folder.path().join("none"), &CancellationToken::new());
     assert!(broken.err().unwrap().to_string().contains("montecarlo.json"));
 }
 

@@ -42,7 +42,8 @@ pub(crate) struct LoadResult {
     /// Confirmed tracks per flight.
     pub(super) track_count: f64,
     /// What the process holds more at the end than before the first flight, MiB: the tracker with
-    /// everything that it has settled, and what the allocator keeps.
+    /// everything that it has settled. What loads before have left to the allocator is used again and
+    /// not counted: only the first load of a process shows all of it.
     pub(super) memory_mib: f64,
 }
 
@@ -129,6 +130,6 @@ pub(super) fn run(
         identity: tally.links.identity_rate(),
         purity: tally.links.purity(),
         track_count: tally.links.track_count as f64 / (seeds.len() as f64).max(1.0),
-        memory_mib: usage.memory_end_mib - usage.memory_early_mib,
+        memory_mib: (usage.memory_end_mib - usage.memory_early_mib).max(0.0),
     })
 }

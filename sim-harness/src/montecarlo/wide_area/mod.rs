@@ -5,8 +5,6 @@
 //! seed ─ SimulatedGmti ─► dwells ─► looks ─ every tracker ─► Tally ─► figures, duels ─► table, JSON, pictures
 //! ```
 
-use std::path::Path;
-
 use anyhow::{bail, ensure};
 use clap::ValueEnum;
 use node_agent::gmti::simulate::{
@@ -18,7 +16,7 @@ use serde::Serialize;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::Work;
+use super::{Study, Work};
 use crate::metrics::{OspaScale, Settings};
 
 mod case;
@@ -120,12 +118,11 @@ struct Condition {
     rules: Rules,
 }
 
-impl Experiment {
-    /// The experiment that the flags ask for.
-    ///
-    /// # Errors
-    /// Says what makes no sense and what would do.
-    pub(crate) fn new(flags: &Flags) -> anyhow::Result<Self> {
+impl Study for Experiment {
+    type Flags = Flags;
+    type Report = Report;
+
+    fn new(flags: &Flags) -> anyhow::Result<Self> {
         let Flags { scenario, rotated, seed, .. } = *flags;
         let is_load = scenario == Scenario::Load;
         let trial_count = flags.trials.unwrap_or(if is_load { 3 } else { 500 });
@@ -152,8 +149,7 @@ impl Experiment {
         Ok(Self { scenario, conditions, loads, trial_count, seed, entrants })
     }
 
-    /// A short name for folders.
-    pub(crate) fn name(&self) -> String {
+    fn name(&self) -> String {
         let scenario = match self.scenario {
             Scenario::ThreeTargets => "three-targets",
             Scenario::FourTargets => "four-targets",
@@ -162,11 +158,7 @@ impl Experiment {
         format!("wide-area-{scenario}")
     }
 
-    /// Flies all trials and lets every tracker follow the targets.
-    ///
-    /// # Errors
-    /// If a scene cannot be simulated, or `stop` was called.
-    pub(crate) fn run(&self, stop: &CancellationToken) -> anyhow::Result<Report> {
+    fn run(&self, stop: &CancellationToken) -> anyhow::Result<Report> {
         let started = Instant::now();
         let conditions = self.conditions.iter().map(|condition| self.fly(condition, stop));
         let conditions = conditions.collect::<anyhow::Result<_>>()?;
@@ -188,7 +180,9 @@ impl Experiment {
             elapsed_s: started.elapsed().as_secs_f64(),
         })
     }
+}
 
+impl Experiment {
     fn fly(
         &self,
         condition: &Condition,
@@ -315,18 +309,4 @@ pub(crate) struct ConditionResult {
     /// The first trial.
     #[serde(skip)]
     sample: Sample,
-}
-
-/// Runs the experiment and writes `montecarlo.json` and the pictures into `folder`.
-///
-/// # Errors
-/// If it cannot be run, was stopped, or a file cannot be written.
-pub(crate) fn run(
-    experiment: &Experiment,
-    folder: &Path,
-    stop: &CancellationToken,
-) -> anyhow::Result<Report> {
-    let report = experiment.run(stop)?;
-    report.write(folder)?;
-    Ok(report)
 }

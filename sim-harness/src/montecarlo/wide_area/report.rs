@@ -6,6 +6,7 @@ use comfy_table::presets::UTF8_HORIZONTAL_ONLY;
 use comfy_table::{CellAlignment, Table};
 use serde::Serialize;
 
+use super::super::Results;
 use super::super::sheet::{Bar, document, draw, write};
 use super::super::statistics::Figure;
 use super::entrants::Entrant;
@@ -30,6 +31,37 @@ pub(crate) struct Report {
     pub(super) loads: Vec<LoadResult>,
     /// How long all of it took, seconds. Differs from run to run.
     pub(super) elapsed_s: f64,
+}
+
+impl Results for Report {
+    fn table(&self) -> String {
+        let Self { trial_count, seed, elapsed_s, .. } = self;
+        let mut text =
+            format!("wide-area experiments, {trial_count} trials, seed {seed}, {elapsed_s:.1} s\n");
+        if !self.conditions.is_empty() {
+            text += &format!("{}\n{}\n", self.figures_table(), self.duels_table());
+        }
+        if !self.loads.is_empty() {
+            text += &format!("{}\n", self.loads_table());
+        }
+        text + &self.notes()
+    }
+
+    fn json(&self) -> anyhow::Result<String> {
+        document(self, self.bars())
+    }
+
+    fn write(&self, folder: &Path) -> anyhow::Result<()> {
+        write(folder, "montecarlo.json", self.json()?.as_bytes())?;
+        if self.conditions.is_empty() {
+            return Ok(());
+        }
+        draw(&WaysPage::of(self), folder, "ways")?;
+        if self.scenario == Scenario::FourTargets {
+            draw(&Comparison::of(self), folder, "comparison")?;
+        }
+        Ok(())
+    }
 }
 
 impl Report {
@@ -75,20 +107,6 @@ impl Report {
             _ => return None,
         };
         Some(bar(&format!("default, {}", result.label), &bounds))
-    }
-
-    /// The tables.
-    pub(crate) fn table(&self) -> String {
-        let Self { trial_count, seed, elapsed_s, .. } = self;
-        let mut text =
-            format!("wide-area experiments, {trial_count} trials, seed {seed}, {elapsed_s:.1} s\n");
-        if !self.conditions.is_empty() {
-            text += &format!("{}\n{}\n", self.figures_table(), self.duels_table());
-        }
-        if !self.loads.is_empty() {
-            text += &format!("{}\n", self.loads_table());
-        }
-        text + &self.notes()
     }
 
     fn figures_table(&self) -> Table {
@@ -145,7 +163,7 @@ impl Report {
             "identity %",
             "purity %",
             "tracks",
-            "MiB",
+            "more MiB",
         ];
         let percent = |share: Option<f64>| {
             share.map_or_else(String::new, |share| format!("{:.2}", 100.0 * share))
@@ -179,33 +197,10 @@ impl Report {
              {allowance_s} s on; GOSPA: p 2, alpha 2, c {gospa_cutoff_m} m\n"
         );
         if !self.loads.is_empty() {
-            notes += "times are of the processor, on one thread, without the first five scans\n";
+            notes += "times are of the processor, on one thread, without the first five scans; more MiB: \
+                      than before the load, without what earlier loads had used already\n";
         }
         notes + &self.bars().iter().map(Bar::line).collect::<String>()
-    }
-
-    /// The document: the report and its bars.
-    ///
-    /// # Errors
-    /// If a number cannot be written as JSON.
-    pub(crate) fn json(&self) -> anyhow::Result<String> {
-        document(self, self.bars())
-    }
-
-    /// Writes `montecarlo.json` and the pictures, as SVG and as PNG, into the folder.
-    ///
-    /// # Errors
-    /// If they cannot be drawn or written.
-    pub(super) fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        write(folder, "montecarlo.json", self.json()?.as_bytes())?;
-        if self.conditions.is_empty() {
-            return Ok(());
-        }
-        draw(&WaysPage::of(self), folder, "ways")?;
-        if self.scenario == Scenario::FourTargets {
-            draw(&Comparison::of(self), folder, "comparison")?;
-        }
-        Ok(())
     }
 }
 

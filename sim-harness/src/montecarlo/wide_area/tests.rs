@@ -1,6 +1,5 @@
 //! Tests of whole experiments, and of what is counted by trackers that know the truth.
 
-use clap::Parser;
 use fusion_center::tracking::{
     Area, Look, LookError, Plot, ReportId, Settled, Status, Track, Tracker,
 };
@@ -8,25 +7,20 @@ use fusion_center::wide::{LookName, OwnedLook};
 use nalgebra::{Matrix4, Vector4};
 use node_agent::gmti::simulate::DetectionConfig;
 
+use super::super::study::words::{asked, reported};
+use super::super::{Results, carry_out};
 use super::summary::{Figures, Record};
 use super::*;
 
 /// What the issue asks of places, metres.
 const MILLIMETRE: f64 = 1e-3;
 
-#[derive(Parser)]
-struct Line {
-    #[command(flatten)]
-    flags: Flags,
-}
-
 fn experiment(words: &str) -> anyhow::Result<Experiment> {
-    let words = std::iter::once("wide-area").chain(words.split_whitespace());
-    Experiment::new(&Line::try_parse_from(words)?.flags)
+    asked(words)
 }
 
 fn report(words: &str) -> Report {
-    experiment(words).unwrap().run(&CancellationToken::new()).unwrap()
+    reported::<Experiment>(words)
 }
 
 /// The report without what differs from run to run.
@@ -289,7 +283,7 @@ fn the_published_order_comes_out_and_is_the_same_whatever_the_threads() {
 fn the_report_is_written_as_json_svg_and_png() {
     let folder = tempfile::tempdir().unwrap();
     let experiment = experiment("--trials 2 --variance 400 --modes default,paper").unwrap();
-    let report = run(&experiment, folder.path(), &CancellationToken::new()).unwrap();
+    let report = carry_out(&experiment, folder.path(), &CancellationToken::new()).unwrap();
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     let document: serde_json::Value = serde_json::from_slice(&read("montecarlo.json")).unwrap();
     let default = &document["conditions"][0]["entrants"][0];
@@ -304,7 +298,7 @@ fn the_report_is_written_as_json_svg_and_png() {
         assert!(read(&format!("{name}.png")).starts_with(b"\x89PNG"));
     }
     assert!(report.table().contains("default : paper"));
-    let broken = run(&experiment, &folder.path().join("none"), &CancellationToken::new());
+    let broken = carry_out(&experiment, &folder.path().join("none"), &CancellationToken::new());
     assert!(broken.err().unwrap().to_string().contains("montecarlo.json"));
 }
 
