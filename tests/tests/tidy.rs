@@ -52,10 +52,10 @@ const PURE: &[&str] = &[
     "fusion-center/src/map/follower.rs",
     "fusion-center/src/map/geo.rs",
     "fusion-center/src/map/ground.rs",
-    "fusion-center/src/map/local.rs",
     "fusion-center/src/map/messages.rs",
     "fusion-center/src/map/reorder.rs",
     "fusion-center/src/map/settings.rs",
+    "fusion-center/src/map/sign.rs",
     "sim-harness/src/metrics/",
 ];
 const IMPURE_WORDS: [&str; 8] = [

@@ -120,12 +120,12 @@ impl Follower {
         self.tracker.look(&look.look())?;
         self.ground = Some(ground);
         self.sensors[sensor].remember(Remembered::of(scan));
-        match self.sensors[sensor].sign.take(look.look().time_s, look.look().plots) {
+        match self.sensors[sensor].sign.take(look.time_s, &look.plots) {
             Some(Verdict::Reversed) => warn!("{}", self.against(&self.sensors[sensor])),
             Some(_) => info!(node = %node_of(scan), "targets go as their radial velocities say"),
             None => {}
         }
-        Ok(scan.plot_count() - look.plot_count())
+        Ok(scan.plot_count() - look.plots.len())
     }
 
     /// Ends all tracks; the next scan says where the map lies. What was settled and not taken is
@@ -249,6 +249,12 @@ impl Follower {
             self.sensors.len() - 1
         });
         u32::try_from(index).unwrap_or(u32::MAX)
+    }
+}
+
+fn warn_of(complaint: Option<String>) {
+    if let Some(complaint) = complaint {
+        warn!("{complaint}");
     }
 }
 

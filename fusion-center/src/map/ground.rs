@@ -5,8 +5,7 @@ use proto::geodesy::GeodesyError;
 use proto::plots::Scan;
 use proto::wire::Dwell;
 
-use super::local::{AnyLook, local_look};
-use crate::wide::{LocalFrame, LookName, PlacedTrack, WideConfig, own_look};
+use crate::wide::{LocalFrame, LookName, OwnedLook, PlacedTrack, WideConfig, local_look, own_look};
 
 /// Where the plane of the targets lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,10 +37,10 @@ impl Ground {
         scan: &Scan,
         assumed: &WideConfig,
         name: LookName,
-    ) -> Result<Option<AnyLook>, GeodesyError> {
+    ) -> Result<Option<OwnedLook>, GeodesyError> {
         match (self, scan) {
             (Self::Earth(frame), Scan::Geographic(dwell)) => {
-                Ok(Some(own_look(dwell, frame, assumed, name)?.into()))
+                Ok(Some(own_look(dwell, frame, assumed, name)?))
             }
             (Self::Plane, Scan::Local(local)) => Ok(Some(local_look(local, assumed, name))),
             _ => Ok(None),

@@ -8,7 +8,6 @@ mod centre;
 mod follower;
 mod geo;
 mod ground;
-mod local;
 mod messages;
 mod output;
 pub mod reorder;

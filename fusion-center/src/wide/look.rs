@@ -1,15 +1,14 @@
 //! A dwell as a look: plots in the local plane with covariances, the sensor, what it could see.
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 use proto::geodesy::GeodesyError;
 use proto::wire::{Dwell, DwellReport};
 
-use super::config::{RadialConvention, WideConfig};
+use super::config::WideConfig;
 use super::frame::{LocalFrame, MAX_REACH_M};
-use crate::tracking::{Area, Coverage, Look, Platform, Plot, Radial};
+use super::sighting::{M2_PER_KM2, Sighting, usable};
+use crate::tracking::{Area, Coverage, Look, Platform, Plot};
 
-/// Square metres of a square kilometre.
-const M2_PER_KM2: f64 = 1e6;
 /// Wider views are no beams.
 const MAX_BEAM_HALF_WIDTH_RAD: f64 = 0.25;
 /// Lines of sight steeper than this, distance over ground by slant range, have no direction over ground
@@ -32,8 +31,8 @@ pub struct OwnedLook {
     pub time_s: f64,
     /// Which look.
     pub name: LookName,
-    /// The sensor over the plane of the targets.
-    pub platform: Platform,
+    /// The sensor over the plane of the targets, if its place is known.
+    pub platform: Option<Platform>,
     /// What it could see.
     pub coverage: Coverage,
     /// False plots expected per square metre.
@@ -50,7 +49,7 @@ impl OwnedLook {
             time_s: self.time_s,
             sensor_index: self.name.sensor_index,
             look_index: self.name.look_index,
-            platform: Some(self.platform),
+            platform: self.platform,
             coverage: self.coverage,
             clutter_per_m2: self.clutter_per_m2,
             plots: &self.plots,
@@ -78,7 +77,7 @@ pub fn own_look(
         let line_m = place_m - sensor_m;
         let is_oblique = MIN_GROUND_SHARE * line_m.norm() < line_m.xy().norm();
         if is_oblique && place_m.norm() <= MAX_REACH_M {
-            plots.push(plot(report, &sensor_m, &line_m, config));
+            plots.push(sighting(report).plot(place_m.xy(), &line_m, config));
         }
     }
     // The plane of the targets: what the earth curves away at the place looked at is not height.
@@ -88,12 +87,12 @@ pub fn own_look(
     Ok(OwnedLook {
         time_s: dwell.time_unix_s,
         name,
-        platform: Platform { position_m, velocity_m_per_s, beam_index },
+        platform: Some(Platform { position_m, velocity_m_per_s, beam_index }),
         coverage: Coverage {
             area,
-            detection_probability: dwell
-                .detection_probability
-                .unwrap_or(config.detection_probability),
+            detection_probability: usable(
+                dwell.detection_probability.unwrap_or(config.detection_probability),
+            ),
             minimum_detectable_m_per_s: least,
         },
         clutter_per_m2: config.clutter_per_km2 / M2_PER_KM2,
@@ -139,36 +138,14 @@ fn beam_index(area: &Area, velocity_m_per_s: &Vector3<f64>) -> Option<u32> {
     Some((off_rad / (2.0 * half_width_rad)).floor() as u32)
 }
 
-/// A report at the end of the line of sight `line_m`. Its error has the standard deviations
-/// `σ_r / cos(grazing)` along the line of sight over ground and `σ_c` across it; a target with
-/// velocity `v` has the radial velocity `direction · v` \[wide-area, formats\].
-fn plot(
-    report: &DwellReport,
-    sensor_m: &Vector3<f64>,
-    line_m: &Vector3<f64>,
-    config: &WideConfig,
-) -> Plot {
-    let (ground_m, slant_m) = (line_m.xy().norm(), line_m.norm());
-    let along = line_m.xy() / ground_m;
-    let slant_sigma_m = report.slant_sigma_m.unwrap_or(config.slant_sigma_m);
-    let along_sigma_m = slant_sigma_m * slant_m / ground_m;
-    let cross_sigma_m = report.cross_sigma_m.unwrap_or(config.cross_sigma_rad * ground_m);
-    let axes = Matrix2::new(along.x, -along.y, along.y, along.x);
-    let variances_m2 = Vector2::new(along_sigma_m.powi(2), cross_sigma_m.powi(2));
-    let sign = match config.radial_convention {
-        RadialConvention::Away => 1.0,
-        RadialConvention::Towards => -1.0,
-    };
-    Plot {
-        position_m: sensor_m.xy() + line_m.xy(),
-        covariance_m2: axes * Matrix2::from_diagonal(&variances_m2) * axes.transpose(),
-        radial: report.radial_m_per_s.map(|radial| Radial {
-            velocity_m_per_s: sign * radial,
-            sigma_m_per_s: report.radial_sigma_m_per_s.unwrap_or(config.radial_sigma_m_per_s),
-            direction: line_m.xy() / slant_m,
-            wrap_m_per_s: report.wrap_m_per_s,
-        }),
-        strength_db: report.snr_db,
-        report_index: report.index,
+fn sighting(report: &DwellReport) -> Sighting {
+    Sighting {
+        index: report.index,
+        slant_sigma_m: report.slant_sigma_m,
+        cross_sigma_m: report.cross_sigma_m,
+        radial_m_per_s: report.radial_m_per_s,
+        radial_sigma_m_per_s: report.radial_sigma_m_per_s,
+        wrap_m_per_s: report.wrap_m_per_s,
+        snr_db: report.snr_db,
     }
 }

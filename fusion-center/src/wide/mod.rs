@@ -1,7 +1,8 @@
 //! Between a wide-area radar's dwells and looks in a local plane, and back from tracks to the earth.
 //!
 //! ```text
-//! Dwell ─ LocalFrame ─► OwnedLook ─► Tracker ─► Track ─ LocalFrame ─► PlacedTrack
+//! Dwell ───── LocalFrame ─┬► OwnedLook ─► Tracker ─► Track ─ LocalFrame ─► PlacedTrack
+//! LocalScan ──────────────┘
 //! ```
 //!
 //! The plane touches the earth where the first dwell looked; places keep their height beside it. 100 km
@@ -11,11 +12,14 @@
 mod config;
 mod doppler;
 mod frame;
+mod local;
 mod look;
+mod sighting;
 #[cfg(test)]
 mod tests;
 
 pub use config::{InvalidWide, RadialConvention, WideConfig};
 pub use doppler::{DopplerSign, SignWatch, Verdict};
 pub use frame::{LocalFrame, MAX_REACH_M, PlacedTrack};
+pub use local::local_look;
 pub use look::{LookName, OwnedLook, own_look};

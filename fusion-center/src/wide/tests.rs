@@ -138,13 +138,13 @@ fn the_sensor_is_over_the_plane_of_the_targets_and_flies_by_its_compass() {
     let there = on.to_geo(&Vector3::new(1200.0 * sin, 1200.0 * cos, 0.0).into()).unwrap();
     let after = geo(there.lat_deg(), there.lon_deg(), there.height_m());
     let moved_m = frame.local_m(&after).unwrap() - frame.local_m(&dwell.sensor).unwrap();
-    assert!((moved_m / 10.0 - look.platform.velocity_m_per_s).norm() < 1e-4);
+    assert!((moved_m / 10.0 - look.platform.unwrap().velocity_m_per_s).norm() < 1e-4);
     // True distances to the plots, from the place over the plane: a centimetre where it touches.
-    let line_m = look.plots[0].position_m.push(0.0) - look.platform.position_m;
+    let line_m = look.plots[0].position_m.push(0.0) - look.platform.unwrap().position_m;
     let true_m = apart_m(&dwell.sensor, &dwell.reports[0].place);
     assert!((line_m.norm() - true_m).abs() < 0.01, "{line_m} {true_m}");
     let unknown = Dwell { flight: None, ..dwell };
-    let velocity = own(&unknown).1.platform.velocity_m_per_s;
+    let velocity = own(&unknown).1.platform.unwrap().velocity_m_per_s;
     assert!(velocity.norm() < 1e-12);
 }
 
@@ -207,7 +207,7 @@ fn what_a_dwell_leaves_out_is_as_configured() {
     let radial = look.plots[0].radial.unwrap();
     assert!((radial.velocity_m_per_s + 6.0).abs() < 1e-12, "towards is negative away");
     assert!((radial.sigma_m_per_s - 2.0).abs() < 1e-12);
-    let ground_m = (look.plots[0].position_m - look.platform.position_m.xy()).norm();
+    let ground_m = (look.plots[0].position_m - look.platform.unwrap().position_m.xy()).norm();
     let widest_m = look.plots[0].covariance_m2.symmetric_eigenvalues().max().sqrt();
     assert!((widest_m - 1e-3 * ground_m).abs() < 1e-6);
     assert_eq!(look.look().plots.len(), 3);
@@ -236,13 +236,13 @@ fn beams_are_counted_by_their_width_from_the_direction_of_flight() {
         let place = here.to_geo(&Vector3::new(2e4 * sin, 2e4 * cos, -6e3).into()).unwrap();
         turned.area.center = geo(place.lat_deg(), place.lon_deg(), place.height_m());
         turned.area.angle_half_extent_deg = 1.0;
-        own(turned).1.platform.beam_index
+        own(turned).1.platform.unwrap().beam_index
     };
     assert_eq!(beam(70.0 - 91.0, &mut dwell), Some(45));
     assert_eq!(beam(70.0 - 93.0, &mut dwell), Some(46));
     assert_eq!(beam(70.0 + 1.0, &mut dwell), Some(179));
     dwell.area.angle_half_extent_deg = 20.0;
-    assert_eq!(own(&dwell).1.platform.beam_index, None, "too wide to be one of many");
+    assert_eq!(own(&dwell).1.platform.unwrap().beam_index, None, "too wide to be one of many");
     dwell.flight = None;
     assert_eq!(beam(10.0, &mut dwell), None);
 }

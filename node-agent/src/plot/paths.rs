@@ -8,8 +8,7 @@ use chart::{
 use plotters::chart::SeriesLabelPosition;
 use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
-use plotters::prelude::{Circle, Color, IntoFont, RGBColor, Text, WHITE};
-use plotters_backend::DrawingBackend;
+use plotters::prelude::{Circle, Color, DrawingBackend, IntoFont, RGBColor, Text, WHITE};
 
 /// Pixels of a metre.
 const PIXELS_PER_M: f64 = 60.0;

@@ -7,6 +7,7 @@ use proto::ids::NodeId;
 use proto::wire::{GeoRecord, MapReport, MapStatus, MapTrack, packed_covariance};
 use serde::Serialize;
 
+use crate::export::iso8601;
 use crate::map::{Follower, map_status};
 use crate::tracking::Settled;
 
@@ -140,14 +141,17 @@ impl Step {
         self.line.report.as_ref().map(|report| &report.sensor)
     }
 
-    /// Place and speed for the table.
-    pub(crate) fn shown(&self) -> (String, f64) {
+    /// Time, place and speed for the table.
+    pub(crate) fn shown(&self) -> (String, String, f64) {
         let StateJson { at, vx_m_per_s, vy_m_per_s, .. } = &self.line.smoothed;
         let place = match at {
             PlaceJson::Earth { lat_deg, lon_deg, .. } => format!("{lat_deg:.5} {lon_deg:.5}"),
             PlaceJson::Plane { x_m, y_m } => format!("{x_m:.1} {y_m:.1}"),
         };
-        (place, vx_m_per_s.hypot(*vy_m_per_s))
+        let time_s = self.time_s();
+        let calendar = self.on_map.as_ref().and_then(|_| iso8601(time_s).ok());
+        let time = calendar.unwrap_or_else(|| format!("{time_s:.1} s"));
+        (time, place, vx_m_per_s.hypot(*vy_m_per_s))
     }
 }
 

@@ -20,8 +20,8 @@ pub(super) struct Summary {
 }
 
 struct TrackLine {
-    first_s: f64,
-    last_s: f64,
+    from: String,
+    to: String,
     step_count: usize,
     plot_count: usize,
     status: MapStatus,
@@ -50,10 +50,10 @@ impl Summary {
     }
 
     pub(super) fn take(&mut self, step: &Step) {
-        let (place, speed_m_per_s) = step.shown();
+        let (time, place, speed_m_per_s) = step.shown();
         let line = self.tracks.entry(step.id()).or_insert_with(|| TrackLine {
-            first_s: step.time_s(),
-            last_s: step.time_s(),
+            from: time.clone(),
+            to: String::new(),
             step_count: 0,
             plot_count: 0,
             status: step.status(),
@@ -63,10 +63,9 @@ impl Summary {
             targets: BTreeMap::new(),
         });
         line.step_count += 1;
-        line.last_s = step.time_s();
         line.status = step.status();
         line.was_confirmed |= !step.is_tentative();
-        (line.place, line.speed_m_per_s) = (place, speed_m_per_s);
+        (line.to, line.place, line.speed_m_per_s) = (time, place, speed_m_per_s);
         if let Some(truth) = step.truth() {
             line.plot_count += 1;
             *line.targets.entry(truth).or_default() += 1;
@@ -93,13 +92,13 @@ impl Summary {
     pub(super) fn table(&self) -> String {
         let mut table = comfy_table::Table::new();
         table.load_style(comfy_table::presets::UTF8_HORIZONTAL_ONLY);
-        table.set_header(["track", "status", "from s", "to s", "looks", "plots", "last at", "m/s"]);
+        table.set_header(["track", "status", "from", "to", "looks", "plots", "last at", "m/s"]);
         for (id, line) in self.confirmed() {
             table.add_row([
                 id.to_string(),
                 line.status.name().to_owned(),
-                format!("{:.1}", line.first_s),
-                format!("{:.1}", line.last_s),
+                line.from.clone(),
+                line.to.clone(),
                 line.step_count.to_string(),
                 line.plot_count.to_string(),
                 line.place.clone(),
@@ -107,16 +106,21 @@ impl Summary {
             ]);
         }
         let count = self.confirmed().count();
-        let tentative = self.tracks.len() - count;
+        let tentative = match self.tracks.len() - count {
+            0 => String::new(),
+            more => format!("({more} more were never confirmed) "),
+        };
         let Self { dwell_count, plot_count, .. } = self;
         let purity = self.purity().map_or_else(String::new, |p| format!("; purity {p:.3}"));
         let damaged = match self.damage_count() {
             0 => String::new(),
-            lost => format!("; {lost} parts of the input left out"),
+            lost => format!("; {} of the input left out", counted(lost, "part")),
         };
         format!(
-            "{table}\n{count} tracks ({tentative} more were never confirmed) of {dwell_count} \
-             dwells with {plot_count} plots{purity}{damaged}\n"
+            "{table}\n{} {tentative}of {} with {}{purity}{damaged}\n",
+            counted(count as u64, "track"),
+            counted(*dwell_count, "dwell"),
+            counted(*plot_count as u64, "plot")
         )
     }
 
@@ -126,8 +130,16 @@ impl Summary {
         let Some((_, (_, first))) = lost.max_by_key(|(_, (count, _))| *count) else {
             return Ok(());
         };
-        bail!("{name}: {} parts could not be used; one of them: {first}", self.damage_count())
+        bail!(
+            "{name}: {} could not be used; one of them: {first}",
+            counted(self.damage_count(), "part")
+        )
     }
+}
+
+/// So many of a thing.
+fn counted(count: u64, thing: &str) -> String {
+    if count == 1 { format!("1 {thing}") } else { format!("{count} {thing}s") }
 }
 
 impl TrackLine {

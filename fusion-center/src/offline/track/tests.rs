@@ -66,7 +66,7 @@ fn followed(text: &str) -> (String, Vec<serde_json::Value>) {
 #[test]
 fn two_cars_make_two_pure_tracks_and_every_step_is_a_line() {
     let (table, lines) = followed(&two_cars(20));
-    let said = "2 tracks (0 more were never confirmed) of 20 dwells with 40 plots; purity 1.000";
+    let said = "2 tracks of 20 dwells with 40 plots; purity 1.000";
     assert!(table.contains(said), "{table}");
     assert_eq!(lines.len(), 40);
     let first_car: Vec<_> = lines.iter().filter(|line| line["report"]["truth"] == 1).collect();
@@ -139,7 +139,7 @@ async fn what_goes_wrong_is_named_with_its_remedy() {
     let json = || TrackOptions { json: true, ..TrackOptions::default() };
     let bad = two_cars(10) + "41,one,2,3,,0,0,0\n";
     let line = said(&bad, json()).await;
-    assert!(line.contains("line 22: x_m is \"one\"") && line.contains("1 parts"), "{line}");
+    assert!(line.contains("line 22: x_m is \"one\"") && line.contains(": 1 part could"), "{line}");
     let late = two_cars(10) + "1,2,3,4,,0,0,0\n";
     assert!(said(&late, json()).await.contains("sort the input by time"));
     assert!(said("hello\n", TrackOptions::default()).await.contains("one of them: line 1"));
