@@ -252,12 +252,6 @@ impl Follower {
     }
 }
 
-fn warn_of(complaint: Option<String>) {
-    if let Some(complaint) = complaint {
-        warn!("{complaint}");
-    }
-}
-
 /// Whose a scan is.
 pub(crate) fn node_of(scan: &Scan) -> &NodeId {
     match scan {

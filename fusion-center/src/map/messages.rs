@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use super::centre::Shown;
 use super::output::OutputConfig;
-use crate::export::cat062::{Cat062Settings, Entry, Message, TrackNumbers, blocks};
-use crate::export::cot::{CotSettings, event};
+use crate::export::cat062::{Entry, Message, TrackNumbers, blocks};
+use crate::export::cot::event;
 use crate::export::{ExportError, GeoTrack, Origin, csv, geojson, kml};
 
 /// Turns what is shown into messages and files; remembers who knows which track.
@@ -29,12 +29,7 @@ impl Messages {
     /// # Errors
     /// If a track says something that is not possible.
     pub fn cot(&self, shown: &Shown) -> Result<Vec<Vec<u8>>, ExportError> {
-        let settings = CotSettings {
-            origin: origin(shown),
-            revisit_s: self.config.stale_after_s,
-            stale_after_revisits: 1.0,
-            ..CotSettings::default()
-        };
+        let settings = self.config.cot_settings(origin(shown));
         let events = shown.tracks.iter().map(|track| event(track, shown.time_unix_s, &settings));
         events.map(|event| event.map(String::into_bytes)).collect()
     }
@@ -44,8 +39,7 @@ impl Messages {
     /// # Errors
     /// If a track says something that is not possible, or all numbers are in use.
     pub fn cat062(&mut self, shown: &Shown) -> Result<Vec<Vec<u8>>, ExportError> {
-        let OutputConfig { sac, sic, .. } = self.config;
-        let settings = Cat062Settings { sac, sic, origin: origin(shown), frame: None };
+        let settings = self.config.cat062_settings(origin(shown));
         let is_shown = |id: u64| shown.tracks.iter().any(|track| track.id == id);
         let ended = self.numbers.retain(is_shown);
         let mut entries = Vec::new();

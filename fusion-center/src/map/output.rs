@@ -5,6 +5,10 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::export::Origin;
+use crate::export::cat062::Cat062Settings;
+use crate::export::cot::CotSettings;
+
 /// Where tracks go besides the network; nowhere by default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -79,6 +83,23 @@ impl OutputConfig {
             }
         }
         None
+    }
+
+    /// How Cursor-on-Target events are written.
+    #[must_use]
+    pub fn cot_settings(&self, origin: Origin) -> CotSettings {
+        CotSettings {
+            origin,
+            revisit_s: self.stale_after_s,
+            stale_after_revisits: 1.0,
+            ..CotSettings::default()
+        }
+    }
+
+    /// How data blocks of CAT062 are written.
+    #[must_use]
+    pub fn cat062_settings(&self, origin: Origin) -> Cat062Settings {
+        Cat062Settings { sac: self.sac, sic: self.sic, origin, frame: None }
     }
 
     /// Whether tracks go anywhere.

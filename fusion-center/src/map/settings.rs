@@ -10,11 +10,6 @@ use super::reorder::Patience;
 use crate::tracking::TrackingConfig;
 use crate::wide::WideConfig;
 
-/// False plots per square kilometre and dwell where nobody says how many. Set on the public ten-target
-/// scene, whose dwells hold 1.4 plots on average: 0.0001 and 0.001 give its ten targets, 0.01 one track
-/// too many, and 0.25, that of the load scene of \[wide-area\], one too few.
-const LITTLE_CLUTTER_PER_KM2: f64 = 0.001;
-
 /// How targets of wide-area radars are followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -48,10 +43,7 @@ impl Default for MapConfig {
             max_waiting_count: 10_000,
             publish_interval_s: 0.5,
             publish_tentative: false,
-            assumed: WideConfig {
-                clutter_per_km2: LITTLE_CLUTTER_PER_KM2,
-                ..WideConfig::default()
-            },
+            assumed: WideConfig::default(),
             tracking: TrackingConfig::default(),
             output: OutputConfig::default(),
         }

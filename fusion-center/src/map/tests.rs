@@ -196,3 +196,12 @@ fn settings_that_make_no_sense_are_named() {
     assert!(address.contains("wide.output.cot") && address.contains("udp/ADDRESS:PORT"));
     assert_eq!(udp_address("udp/[::1]:7").unwrap().port(), 7);
 }
+
+/// A table that sets one key leaves the others as they are without it.
+#[test]
+fn a_file_that_sets_one_key_changes_no_other() {
+    let read: MapConfig = toml::from_str("[assumed]\nslant_sigma_m = 11.0").unwrap();
+    let mut expected = MapConfig::default();
+    expected.assumed.slant_sigma_m = 11.0;
+    assert_eq!(read, expected);
+}

@@ -195,6 +195,7 @@ fn what_a_dwell_leaves_out_is_as_configured() {
     dwell.reports[1].radial_m_per_s = None;
     let config = WideConfig {
         minimum_detectable_m_per_s: Some(2.0),
+        clutter_per_km2: 0.25,
         radial_convention: RadialConvention::Towards,
         ..WideConfig::default()
     };

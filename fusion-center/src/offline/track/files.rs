@@ -12,10 +12,10 @@ use proto::wire::MapTrack;
 
 use super::step::Step;
 use crate::export::cat062::{Cat062Settings, Entry, Message, TrackNumbers, blocks};
-use crate::export::cot::{CotSettings, event};
+use crate::export::cot::event;
 use crate::export::figure::Map;
 use crate::export::{GeoTrack, Origin, csv, geojson, kml};
-use crate::map::{Ground, Past, fix, geo_track};
+use crate::map::{Ground, OutputConfig, Past, fix, geo_track};
 use crate::offline::{Layer, Site, Way};
 use crate::replace;
 
@@ -88,16 +88,21 @@ pub(super) struct Kept {
     /// Above the map.
     title: String,
     steps: BTreeMap<u64, Vec<Step>>,
+    /// How messages are written.
+    output: OutputConfig,
+    /// Every scan is of a simulation, as far as there are any.
+    is_simulated: bool,
     plots: Vec<GeoPosition>,
     local_plots_m: Vec<[f64; 2]>,
 }
 
 impl Kept {
     /// For the tracks of the input `name`.
-    pub(super) fn new(files: &Files, name: &str) -> Self {
+    pub(super) fn new(files: &Files, name: &str, output: OutputConfig) -> Self {
         let is_wanted = files.is_any();
         let (steps, plots, local_plots_m) = (BTreeMap::new(), Vec::new(), Vec::new());
-        Self { is_wanted, title: format!("{name}: tracks"), steps, plots, local_plots_m }
+        let (title, is_simulated) = (format!("{name}: tracks"), true);
+        Self { is_wanted, title, steps, output, is_simulated, plots, local_plots_m }
     }
 
     pub(super) fn take(&mut self, step: Step) {
@@ -107,6 +112,7 @@ impl Kept {
     }
 
     pub(super) fn note_plots(&mut self, scan: &Scan) {
+        self.is_simulated &= matches!(scan, Scan::Geographic(dwell) if dwell.is_simulated);
         let known = self.plots.len() + self.local_plots_m.len();
         if !self.is_wanted || MAX_PLOT_COUNT < known + scan.plot_count() {
             return;
@@ -192,7 +198,7 @@ impl Kept {
             write(path, (csv::header() + &csv::rows(&states)?).as_bytes())?;
         }
         if let Some(path) = &files.cot {
-            let settings = CotSettings::default();
+            let settings = self.output.cot_settings(self.origin());
             let events = states.iter().map(|state| event(state, state.time_unix_s, &settings));
             let lines = events.map(|event| Ok(event?.replace('\n', "") + "\n"));
             let lines: String = lines.collect::<Result<String, crate::export::ExportError>>()?;
@@ -200,9 +206,17 @@ impl Kept {
         }
         if let Some(path) = &files.cat062 {
             let messages: Vec<Message> = all.iter().map(|(_, _, message)| *message).collect();
-            write(path, &asterix(&states, &messages)?)?;
+            write(
+                path,
+                &asterix(&states, &messages, &self.output.cat062_settings(self.origin()))?,
+            )?;
         }
         Ok(())
+    }
+
+    /// Receivers must not take an exercise for the real thing.
+    fn origin(&self) -> Origin {
+        if self.is_simulated { Origin::Simulated } else { Origin::Live }
     }
 
     fn write_plane(&self, files: &Files) -> anyhow::Result<()> {
@@ -253,16 +267,19 @@ fn past_of(step: &Step) -> anyhow::Result<Past> {
 }
 
 /// The blocks of all states, those of one time together.
-fn asterix(states: &[GeoTrack], messages: &[Message]) -> anyhow::Result<Vec<u8>> {
+fn asterix(
+    states: &[GeoTrack],
+    messages: &[Message],
+    settings: &Cat062Settings,
+) -> anyhow::Result<Vec<u8>> {
     let (mut numbers, mut bytes) = (TrackNumbers::default(), Vec::new());
-    let settings = Cat062Settings { sac: 0, sic: 1, origin: Origin::Live, frame: None };
     let mut start = 0;
     for same in states.chunk_by(|a, b| (a.time_unix_s - b.time_unix_s).abs() <= 0.0) {
         let mut entries = Vec::with_capacity(same.len());
         for (track, message) in same.iter().zip(&messages[start..]) {
             entries.push(Entry { track, number: numbers.of(track.id)?, message: *message });
         }
-        bytes.extend(blocks(&entries, &settings)?.concat());
+        bytes.extend(blocks(&entries, settings)?.concat());
         for (track, message) in same.iter().zip(&messages[start..]) {
             if *message == Message::Last {
                 numbers.release(track.id);

@@ -150,7 +150,11 @@ impl<'a> Run<'a> {
             sequence: 0,
             refusals: Refusals::default(),
             summary: Summary::default(),
-            kept: Kept::new(&options.files, name.rsplit('/').next().unwrap_or(&name)),
+            kept: Kept::new(
+                &options.files,
+                name.rsplit('/').next().unwrap_or(&name),
+                config.output.clone(),
+            ),
             name,
             is_read: true,
         })
