@@ -161,7 +161,7 @@ impl PlotRow {
     fn sensor_place(&self) -> Result<GeoRecord, RowFault> {
         let missing = |field| RowFault::Missing {
             field,
-            remedy: "errors and radial velocities are along the line of sight of the sensor",
+            remedy: "give where the sensor was: errors and radial velocities are along its line of sight",
         };
         Ok(GeoRecord {
             lat_deg: self.sensor_lat_deg.ok_or_else(|| missing("sensor_lat_deg"))?,
