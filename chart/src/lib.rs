@@ -8,7 +8,7 @@ mod span;
 
 pub use axes::{AROUND, Axes, legend, nothing, square_size, stroke, tick, way};
 pub use sheet::{Fallible, Sheet};
-pub use span::{around, squared};
+pub use span::{around, quiet_corner, squared};
 
 use plotters::chart::ChartContext;
 use plotters::coord::types::RangedCoordf64;

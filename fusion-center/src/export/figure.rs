@@ -1,10 +1,11 @@
 //! Tracks on a map as a picture: ways, status, ellipses and plots, in kilometres east and north.
 
+use std::ops::Range;
+
 use chart::{
-    Axes, Chart, Drawn, Fallible, Sheet, around, color, legend, nothing, square_size, squared,
-    stroke, way,
+    Axes, Chart, Drawn, Fallible, Sheet, around, color, legend, nothing, quiet_corner, square_size,
+    squared, stroke, way,
 };
-use plotters::chart::SeriesLabelPosition;
 use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
 use plotters::element::{Circle, Cross, DynElement, EmptyElement, IntoDynElement, Rectangle, Text};
@@ -51,7 +52,7 @@ impl Sheet for Map<'_> {
             title: self.title,
             x_title: &format!("km east of {}", degrees(origin.lon_deg(), ["E", "W"])),
             y_title: &format!("km north of {}", degrees(origin.lat_deg(), ["N", "S"])),
-            ranges: squared(around(self.places_km()), LEAST_HALF_KM, MARGIN),
+            ranges: self.ranges_km(),
         };
         let mut chart = axes.on(area)?;
         let dots = self.dots.iter().map(|dot| self.place_km(dot).into());
@@ -88,6 +89,11 @@ impl Map<'_> {
         let tracks = self.tracks.iter();
         let ways = tracks.flat_map(|track| self.way_km(track).chain(self.outline_km(track)));
         ways.chain(self.dots.iter().map(|dot| self.place_km(dot)))
+    }
+
+    /// Equal scales on both axes, everything inside.
+    fn ranges_km(&self) -> [Range<f64>; 2] {
+        squared(around(self.places_km()), LEAST_HALF_KM, MARGIN)
     }
 
     fn draw_track<B: DrawingBackend>(
@@ -137,7 +143,7 @@ impl Map<'_> {
         if self.tracks.is_empty() && self.dots.is_empty() {
             return Ok(());
         }
-        legend(chart, SeriesLabelPosition::UpperRight)
+        legend(chart, quiet_corner(self.places_km(), &self.ranges_km()))
     }
 }
 
@@ -206,8 +212,7 @@ mod tests {
         let map = Map { title: "", frame: &frame, tracks: &tracks, dots: &[], dots_are: "" };
         let [east_km, north_km] = map.place_km(&sample::confirmed().position);
         assert!((east_km - 2.4).abs() < 1e-6 && (north_km + 1.2).abs() < 1e-6);
-        let inside = around(map.places_km());
-        let [east, north] = squared(inside, LEAST_HALF_KM, MARGIN);
+        let [east, north] = map.ranges_km();
         assert!((east.end - east.start - (north.end - north.start)).abs() < 1e-9);
         assert!(east.contains(&2.4) && north.contains(&-1.2));
     }

@@ -1,7 +1,8 @@
 //! The map of a registration: points and nodes in one frame, as SVG \[registration, figure 5\].
 
-use chart::{Axes, Chart, Drawn, Fallible, Sheet, around, legend, square_size, squared, way};
-use plotters::chart::SeriesLabelPosition;
+use chart::{
+    Axes, Chart, Drawn, Fallible, Sheet, around, legend, quiet_corner, square_size, squared, way,
+};
 use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
 use plotters::prelude::{
@@ -66,12 +67,13 @@ impl Sheet for Site {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
         area.fill(&WHITE)?;
         let ranges = squared(around(self.layers.iter().flat_map(places)), LEAST_HALF_M, MARGIN);
+        let corner = quiet_corner(self.layers.iter().flat_map(places), &ranges);
         let axes = Axes { title: &self.title, x_title: "x in m", y_title: "y in m", ranges };
         let mut chart = axes.on(area)?;
         for (radius, layer) in (FIRST_RADIUS..).zip(&self.layers) {
             draw_layer(&mut chart, radius, layer)?;
         }
-        legend(&mut chart, SeriesLabelPosition::UpperRight)?;
+        legend(&mut chart, corner)?;
         area.present()
     }
 }

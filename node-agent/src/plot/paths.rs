@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use chart::{
-    AROUND, Axes, Chart, Drawn, Fallible, GREY, Sheet, around, color, legend, nothing, stroke, way,
+    AROUND, Axes, Chart, Drawn, Fallible, GREY, Sheet, around, color, legend, nothing,
+    quiet_corner, stroke, way,
 };
-use plotters::chart::SeriesLabelPosition;
 use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
 use plotters::prelude::{Circle, Color, DrawingBackend, IntoFont, RGBColor, Text, WHITE};
@@ -42,11 +42,14 @@ pub struct PathsFigure {
 }
 
 impl PathsFigure {
+    fn places_m(&self) -> impl Iterator<Item = [f64; 2]> {
+        let lines = self.estimated.iter().chain(&self.truth);
+        lines.flat_map(|line| line.places_m.iter().copied())
+    }
+
     /// Everything inside; a square metre where there is nothing.
     fn ranges_m(&self) -> [Range<f64>; 2] {
-        let lines = self.estimated.iter().chain(&self.truth);
-        let places = lines.flat_map(|line| line.places_m.iter().copied());
-        around(places).map(|range| range.start - BORDER_M..range.end + BORDER_M)
+        around(self.places_m()).map(|range| range.start - BORDER_M..range.end + BORDER_M)
     }
 }
 
@@ -73,7 +76,7 @@ impl Sheet for PathsFigure {
         if !truth.is_empty() {
             let entry = |at| stroke(at, GREY.stroke_width(TRUTH_WIDTH));
             chart.draw_series(nothing())?.label("true").legend(entry);
-            legend(&mut chart, SeriesLabelPosition::UpperRight)?;
+            legend(&mut chart, quiet_corner(self.places_m(), &self.ranges_m()))?;
         }
         area.present()
     }
