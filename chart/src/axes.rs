@@ -94,7 +94,6 @@ impl Axes<'_> {
 
 /// A number on an axis, without more digits than it needs and never as minus zero.
 #[must_use]
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "the library asks for it")]
 pub fn tick(value: &f64) -> String {
     // Steps of the axes are multiples of powers of ten, apart from rounding.
     let rounded = (value * 1e6).round() / 1e6;
