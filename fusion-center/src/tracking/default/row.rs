@@ -69,6 +69,8 @@ pub(super) struct Chance {
     miss_cost: f64,
     /// `ln(P_D/λ)`
     log_ratio: f64,
+    /// What every plot costs more.
+    plot_bias: f64,
 }
 
 impl Chance {
@@ -88,7 +90,8 @@ impl Chance {
         let clutter = look.clutter_per_m2.max(config.min_clutter_per_m2);
         let miss_cost = -(1.0 - detected.min(MAX_DETECTION)).ln();
         let log_ratio = (detection / clutter).ln();
-        *known.insert(Self { detected, detection, miss_cost, log_ratio })
+        let plot_bias = config.plot_bias_nats.min((clutter / config.min_clutter_per_m2).ln());
+        *known.insert(Self { detected, detection, miss_cost, log_ratio, plot_bias })
     }
 }
 
@@ -124,8 +127,7 @@ impl Row {
             moved_on_share,
             dt_s: steps.dt_s,
             is_tentative,
-            bias: config.plot_bias_nats
-                + if is_tentative { config.tentative_bias_nats } else { 0.0 },
+            bias: chance.plot_bias + if is_tentative { config.tentative_bias_nats } else { 0.0 },
             miss_cost,
             log_ratio: chance.log_ratio + moving,
             first_edge: 0,
