@@ -313,41 +313,29 @@ fn turning_targets_are_followed() {
     assert_eq!(report.bars().len(), 1);
 }
 
-/// Tracks, times that a target went from one track to another, and plots that are of the target to
-/// which the track belonged at its origin, as a share, of flights past the three targets.
-fn pauses(
-    variance_m2: f64,
-    detection: DetectionConfig,
-    seeds: std::ops::Range<u64>,
-) -> (usize, usize, f64) {
-    let place = PlaceNoise::Ground { along_m2: variance_m2, across_m2: variance_m2 };
-    let flights = seeds.map(|seed| {
-        let config = SimulatedGmtiConfig {
-            seed,
-            preset: Preset::ThreeTargets,
-            noise: Some(NoiseConfig { place, ..three_targets().noise }),
-            detection: Some(detection),
-            ..SimulatedGmtiConfig::default()
-        };
-        let case = Case::new(&config).unwrap();
-        let mut tracker = Entrant::Default.tracker(Rules::Own).unwrap();
-        play(&case, tracker.as_mut(), None).unwrap().tally.links
-    });
-    let links: fusion_center::tracking::links::Links = flights.sum();
-    (links.track_count, links.switch_count, links.identity_rate().unwrap())
-}
-
+/// Figures of 40 flights past the three targets, one of which pauses twice, one plot in ten lost. Before
+/// those were reckoned with who are missed as they move on, 200 flights gave 12 switches at variance
+/// 100 and 5 at 400; now they give none.
 #[test]
-#[ignore = "a study"]
-fn study_of_pauses() {
-    for probability in [1.0, 0.95, 0.9, 0.8] {
-        for minimum_m_per_s in [0.05, 1.5, 3.0] {
-            for variance_m2 in [8.0, 100.0, 400.0] {
-                let detection = DetectionConfig { probability, minimum_m_per_s };
-                let got = pauses(variance_m2, detection, 1000..1200);
-                println!("{probability} {minimum_m_per_s} {variance_m2}: {got:?}");
-            }
-        }
+fn who_pauses_keeps_the_track_with_misses_too() {
+    let detection = DetectionConfig { probability: 0.9, minimum_m_per_s: 1.5 };
+    for variance_m2 in [100.0, 400.0] {
+        let place = PlaceNoise::Ground { along_m2: variance_m2, across_m2: variance_m2 };
+        let flights = (5000..5040).map(|seed| {
+            let config = SimulatedGmtiConfig {
+                seed,
+                preset: Preset::ThreeTargets,
+                noise: Some(NoiseConfig { place, ..three_targets().noise }),
+                detection: Some(detection),
+                ..SimulatedGmtiConfig::default()
+            };
+            let case = Case::new(&config).unwrap();
+            let mut tracker = Entrant::Default.tracker(Rules::Own).unwrap();
+            play(&case, tracker.as_mut(), None).unwrap().tally
+        });
+        let links = flights.sum::<trial::Tally>().links;
+        assert!(links.switch_count <= 1, "{variance_m2}: {links:?}");
+        assert!(0.999 < links.identity_rate().unwrap(), "{variance_m2}: {links:?}");
     }
 }
 
