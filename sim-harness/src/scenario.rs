@@ -247,7 +247,7 @@ pub fn find(name: &str) -> anyhow::Result<Scenario> {
         return parse(text, name);
     }
     let known: Vec<&str> =
-        SHIPPED.iter().map(|(known, _)| *known).chain([crate::wide_area::SHIPPED.0]).collect();
+        SHIPPED.iter().map(|(known, _)| *known).chain([crate::wide_run::SHIPPED.0]).collect();
     let text = std::fs::read_to_string(name).with_context(|| {
         format!("{name:?} is neither a shipped scenario ({}) nor a readable file", known.join(", "))
     })?;
