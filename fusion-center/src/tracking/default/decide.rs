@@ -9,7 +9,7 @@ use crate::tracking::{Look, Status};
 use super::DefaultTracker;
 use super::branch::Branch;
 use super::config::DefaultConfig;
-use super::expand::{Choice, Limits, Way, Ways, best_ways};
+use super::expand::{Choice, Limits, Search, Way, Ways};
 use super::hypotheses::Hypotheses;
 use super::row::Row;
 use super::settle::{settle, split};
@@ -120,11 +120,12 @@ impl DefaultTracker {
         } else {
             (self.joined(group), self.config.keep_nats)
         };
-        let ways = self.ways_on(&joint, margin);
-        match ways.ways.as_slice() {
-            [only] if is_new => self.take_only(&joint, ways.tags_of(only), look),
-            _ => self.take_ways(&joint, &ways, look),
+        let search = self.ways_on(&joint, margin);
+        match search.found.ways.as_slice() {
+            [only] if is_new => self.take_only(&joint, search.found.tags_of(only), look),
+            _ => self.take_ways(&joint, &search.found, look),
         }
+        self.search = search;
     }
 
     /// Joint hypotheses of a group.
@@ -164,41 +165,35 @@ impl DefaultTracker {
     }
 
     /// How the hypotheses of a group may go on.
-    fn ways_on(&self, joint: &Hypotheses, margin: f64) -> Ways {
-        let mut choices: Vec<Choice> = Vec::new();
-        // Where the choices of each branch of each member end.
-        let mut ends: Vec<usize> = vec![0];
-        let mut first_of: Vec<usize> = Vec::with_capacity(joint.members.len());
+    fn ways_on(&mut self, joint: &Hypotheses, margin: f64) -> Search {
+        let mut search = std::mem::take(&mut self.search);
+        search.options.clear();
         for target in &joint.members {
-            first_of.push(ends.len() - 1);
+            search.options.begin_member();
             for leaf in 0..self.targets[*target as usize].leaves.len() {
-                self.add_options((*target, leaf), &mut choices);
-                ends.push(choices.len());
+                self.add_options((*target, leaf), |choice| search.options.push(choice));
+                search.options.end_branch();
             }
         }
-        let limits = Limits { count: self.config.max_hypothesis_count, margin, visits: MAX_VISITS };
-        best_ways(&joint.costs, joint.members.len(), limits, |hypothesis, member| {
-            let at = first_of[member] + usize::from(joint.leaves_of(hypothesis)[member]);
-            &choices[ends[at]..ends[at + 1]]
-        })
+        let count = self.config.max_hypothesis_count;
+        search.run(joint, &Limits { count, margin, visits: MAX_VISITS });
+        search
     }
 
-    /// What a branch of a target may do, ascending in cost, to the end of `into`.
-    fn add_options(&self, (target, leaf): (u32, usize), into: &mut Vec<Choice>) {
-        let from = into.len();
+    /// What a branch of a target may do, in no particular order.
+    fn add_options(&self, (target, leaf): (u32, usize), mut add: impl FnMut(Choice)) {
         let place = self.work.place_of[target as usize];
         let Some(touched) = self.work.touched.get(place as usize) else {
-            into.push(Choice { cost: 0.0, plot: None, tag: STAY });
+            add(Choice { cost: 0.0, plot: None, tag: STAY });
             return;
         };
         let row = &self.work.rows_of(touched)[leaf];
-        into.push(Choice { cost: row.miss_cost, plot: None, tag: MISS });
+        add(Choice { cost: row.miss_cost, plot: None, tag: MISS });
         for (edge, tag) in self.work.edges_of(row).iter().zip(row.first_edge..) {
             if !self.work.used[edge.plot as usize] {
-                into.push(Choice { cost: edge.cost, plot: Some(edge.plot), tag });
+                add(Choice { cost: edge.cost, plot: Some(edge.plot), tag });
             }
         }
-        into[from..].sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
 
     /// Makes the branches of the ways that are kept, and decides what is ripe.
@@ -209,15 +204,17 @@ impl DefaultTracker {
             costs: ways.iter().map(|way| way.cost).collect(),
             leaves: vec![0; width * ways.len()],
         };
+        let mut made = std::mem::take(&mut self.made);
         for member in 0..width {
             let key =
                 |way: &Way| (joint.leaves_of(way.hypothesis)[member], found.tags_of(way)[member]);
-            let mut made: Vec<(u16, u32)> = Vec::new();
+            made.clear();
             for (index, way) in ways.iter().enumerate() {
                 next.leaves[index * width + member] = place_in(&mut made, key(way));
             }
             self.branch(joint.members[member], &made, look);
         }
+        self.made = made;
         self.mark_used(found, &next.shares());
         settle(&mut self.targets, &mut next, self.config.lag_scans);
         split(&self.targets, next, &mut self.clusters);
@@ -316,15 +313,30 @@ fn place_in(made: &mut Vec<(u16, u32)>, key: (u16, u32)) -> u16 {
 
 /// Sets what is shown of the targets of a cluster: the branch of the best hypothesis.
 pub(super) fn show_best(targets: &mut [Target], joint: &Hypotheses) {
-    let best = joint.leaves_of(joint.best()).to_vec();
+    let (best, shares) = (joint.leaves_of(joint.best()), joint.shares());
+    let width = joint.members.len();
     for (place, (member, leaf)) in joint.members.iter().zip(best).enumerate() {
         let target = &mut targets[*member as usize];
-        target.best = leaf;
-        let last = |index: u16| target.leaves[usize::from(index)].last_report;
-        let shares = joint.shares_by(place, last);
-        for branch in &mut target.leaves {
-            let own = shares.iter().find(|(report, _)| *report == branch.last_report);
-            branch.last_share = own.map_or(0.0, |(_, share)| *share);
+        target.best = *leaf;
+        target.leaves.iter_mut().for_each(|branch| branch.last_share = 0.0);
+        for (leaf, share) in joint.leaves.iter().skip(place).step_by(width).zip(&shares) {
+            target.leaves[usize::from(*leaf)].last_share += share;
         }
+        share_among_alike(&mut target.leaves);
+    }
+}
+
+/// Branches with the same newest report have the sum of their shares.
+fn share_among_alike(branches: &mut [Branch]) {
+    for first in 0..branches.len() {
+        let report = branches[first].last_report;
+        let is_first = branches[..first].iter().all(|branch| branch.last_report != report);
+        if !is_first {
+            continue;
+        }
+        let alike = branches[first..].iter().filter(|branch| branch.last_report == report);
+        let sum = alike.map(|branch| branch.last_share).sum();
+        let alike = branches[first..].iter_mut().filter(|branch| branch.last_report == report);
+        alike.for_each(|branch| branch.last_share = sum);
     }
 }

@@ -4,6 +4,8 @@
 //! cut where the cost so far and the least cost of the rest exceed what is worth keeping (branch and
 //! bound): exact, up to a bound of its work.
 
+use super::hypotheses::Hypotheses;
+
 /// One branch's option.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Choice {
@@ -33,6 +35,47 @@ pub(super) struct Way {
     from: usize,
 }
 
+/// What each member of a group may do under each of its branches, ascending in cost and never none.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Options {
+    choices: Vec<Choice>,
+    /// Where the choices of each branch of each member end; 0 first.
+    ends: Vec<usize>,
+    /// The first branch of each member.
+    first_of: Vec<usize>,
+}
+
+impl Options {
+    pub(super) fn clear(&mut self) {
+        self.choices.clear();
+        self.ends.clear();
+        self.ends.push(0);
+        self.first_of.clear();
+    }
+
+    /// The branches that follow are of another member.
+    pub(super) fn begin_member(&mut self) {
+        self.first_of.push(self.ends.len() - 1);
+    }
+
+    /// Adds a choice of the branch at work.
+    pub(super) fn push(&mut self, choice: Choice) {
+        self.choices.push(choice);
+    }
+
+    /// The branch has no more choices.
+    pub(super) fn end_branch(&mut self) {
+        let from = self.ends.last().copied().unwrap_or(0);
+        self.choices[from..].sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        self.ends.push(self.choices.len());
+    }
+
+    fn of(&self, member: usize, leaf: u16) -> &[Choice] {
+        let at = self.first_of[member] + usize::from(leaf);
+        &self.choices[self.ends[at]..self.ends[at + 1]]
+    }
+}
+
 /// Ways on, ascending in cost.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ways {
@@ -49,70 +92,65 @@ impl Ways {
     }
 }
 
-/// The search, and the best ways so far.
-struct Search<'a> {
-    /// Options of each member, ascending in cost.
-    options: Vec<&'a [Choice]>,
-    /// Least cost of each member and those after it.
+/// The search, and the best ways so far; it keeps its memory.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Search {
+    pub(super) options: Options,
+    pub(super) found: Ways,
+    /// Least cost of each member and those after it, under the hypothesis at work.
     rest: Vec<f64>,
-    limits: Limits,
+    /// Hypotheses, the best first.
+    order: Vec<usize>,
     hypothesis: usize,
     tags: Vec<u32>,
     plots: Vec<u32>,
+    visits_left: usize,
     best: f64,
     bound: f64,
-    found: Ways,
 }
 
-/// The best ways on, ascending in cost. `costs` are those of the hypotheses; `options(hypothesis,
-/// member)` are in ascending order and never none.
-pub(super) fn best_ways<'a>(
-    costs: &[f64],
-    member_count: usize,
-    limits: Limits,
-    options: impl Fn(usize, usize) -> &'a [Choice],
-) -> Ways {
-    let mut order: Vec<usize> = (0..costs.len()).collect();
-    order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]).then(a.cmp(b)));
-    let mut search = Search {
-        options: Vec::new(),
-        rest: Vec::new(),
-        limits,
-        hypothesis: 0,
-        tags: Vec::new(),
-        plots: Vec::new(),
-        best: f64::INFINITY,
-        bound: f64::INFINITY,
-        found: Ways { member_count, ..Ways::default() },
-    };
-    for hypothesis in order {
-        search.hypothesis = hypothesis;
-        search.options.clear();
-        search.options.extend((0..member_count).map(|member| options(hypothesis, member)));
-        search.rest.clear();
-        search.rest.resize(member_count + 1, 0.0);
-        for member in (0..member_count).rev() {
-            search.rest[member] = search.rest[member + 1] + search.options[member][0].cost;
+impl Search {
+    /// Finds the best ways on of hypotheses with `options`.
+    pub(super) fn run(&mut self, joint: &Hypotheses, limits: &Limits) {
+        let (costs, member_count) = (&joint.costs, joint.members.len());
+        self.order.clear();
+        self.order.extend(0..costs.len());
+        self.order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]).then(a.cmp(b)));
+        self.found.ways.clear();
+        self.found.tags.clear();
+        self.found.member_count = member_count;
+        self.visits_left = limits.visits;
+        (self.best, self.bound) = (f64::INFINITY, f64::INFINITY);
+        for index in 0..costs.len() {
+            let hypothesis = self.order[index];
+            let leaves = joint.leaves_of(hypothesis);
+            self.hypothesis = hypothesis;
+            self.rest.clear();
+            self.rest.resize(member_count + 1, 0.0);
+            for member in (0..member_count).rev() {
+                let least = self.options.of(member, leaves[member])[0].cost;
+                self.rest[member] = self.rest[member + 1] + least;
+            }
+            // The first way of each hypothesis is found even if the work is used up.
+            self.visits_left = self.visits_left.max(2 * member_count + 1);
+            self.descend(leaves, costs[hypothesis], limits);
         }
-        // The first way of each hypothesis is found even if the work is used up.
-        search.limits.visits = search.limits.visits.max(2 * member_count + 1);
-        search.descend(0, costs[hypothesis]);
+        self.trim(limits);
     }
-    search.trim();
-    search.found
-}
 
-impl Search<'_> {
-    fn descend(&mut self, member: usize, cost: f64) {
-        if self.bound < cost + self.rest[member] || self.limits.visits == 0 {
+    /// Goes on with the member after those that have their tags; `leaves` are those of the hypothesis.
+    fn descend(&mut self, leaves: &[u16], cost: f64, limits: &Limits) {
+        let member = self.tags.len();
+        if self.bound < cost + self.rest[member] || self.visits_left == 0 {
             return;
         }
-        self.limits.visits -= 1;
-        if member == self.options.len() {
-            self.take(cost);
+        self.visits_left -= 1;
+        let Some(leaf) = leaves.get(member) else {
+            self.take(cost, limits);
             return;
-        }
-        for choice in self.options[member] {
+        };
+        for index in 0..self.options.of(member, *leaf).len() {
+            let choice = self.options.of(member, *leaf)[index];
             if self.bound < cost + choice.cost + self.rest[member + 1] {
                 break;
             }
@@ -121,7 +159,7 @@ impl Search<'_> {
             }
             self.tags.push(choice.tag);
             self.plots.extend(choice.plot);
-            self.descend(member + 1, cost + choice.cost);
+            self.descend(leaves, cost + choice.cost, limits);
             self.tags.pop();
             if choice.plot.is_some() {
                 self.plots.pop();
@@ -129,25 +167,25 @@ impl Search<'_> {
         }
     }
 
-    fn take(&mut self, cost: f64) {
+    fn take(&mut self, cost: f64, limits: &Limits) {
         let (hypothesis, from) = (self.hypothesis, self.found.tags.len());
         self.found.ways.push(Way { cost, hypothesis, from });
         self.found.tags.extend_from_slice(&self.tags);
         self.best = self.best.min(cost);
-        self.bound = self.bound.min(self.best + self.limits.margin);
-        if 2 * self.limits.count <= self.found.ways.len() {
-            self.trim();
+        self.bound = self.bound.min(self.best + limits.margin);
+        if 2 * limits.count <= self.found.ways.len() {
+            self.trim(limits);
         }
     }
 
     /// Keeps the best.
-    fn trim(&mut self) {
-        let bound = self.best + self.limits.margin;
+    fn trim(&mut self, limits: &Limits) {
+        let bound = self.best + limits.margin;
         let found = &mut self.found.ways;
         found.retain(|way| way.cost <= bound);
         found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        found.truncate(self.limits.count);
-        if let Some(last) = found.last().filter(|_| found.len() == self.limits.count) {
+        found.truncate(limits.count);
+        if let Some(last) = found.last().filter(|_| found.len() == limits.count) {
             self.bound = self.bound.min(last.cost);
         }
     }
@@ -162,41 +200,52 @@ mod tests {
     /// Sums of a handful of doubles in another order.
     const TOLERANCE: f64 = 1e-12;
 
-    fn random(seed: u64) -> (Vec<f64>, Vec<Vec<Vec<Choice>>>) {
+    /// Three hypotheses about four members, each with a branch of its own; four options of each.
+    fn random(seed: u64) -> (Hypotheses, Search) {
         let mut rng = rand::rngs::ChaCha8Rng::seed_from_u64(seed);
         let costs = (0..3).map(|_| rng.random_range(0.0..3.0)).collect();
-        let mut member = || {
-            let mut of: Vec<Choice> = (0..4)
-                .map(|plot| Choice {
-                    cost: rng.random_range(-4.0..4.0),
-                    plot: (plot < 3).then_some(plot),
-                    tag: plot,
-                })
-                .collect();
-            of.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-            of
-        };
-        (costs, (0..3).map(|_| (0..4).map(|_| member()).collect()).collect())
+        let leaves = (0..12).map(|at| at / 4).collect();
+        let mut search = Search::default();
+        search.options.clear();
+        for _ in 0..4 {
+            search.options.begin_member();
+            for _ in 0..3 {
+                for plot in 0..4 {
+                    let cost = rng.random_range(-4.0..4.0);
+                    search.options.push(Choice {
+                        cost,
+                        plot: (plot < 3).then_some(plot),
+                        tag: plot,
+                    });
+                }
+                search.options.end_branch();
+            }
+        }
+        (Hypotheses { members: vec![0, 1, 2, 3], costs, leaves }, search)
     }
 
     /// The cost of a hypothesis with the option at digit `code` for each member, if no plot is taken
     /// twice.
-    fn cost_of(cost: f64, of: &[Vec<Choice>], code: usize) -> Option<f64> {
+    fn cost_of(
+        joint: &Hypotheses,
+        options: &Options,
+        (index, code): (usize, usize),
+    ) -> Option<f64> {
         let digits = [code % 4, code / 4 % 4, code / 16 % 4, code / 64];
-        let chosen = || of.iter().zip(digits).map(|(options, digit)| options[digit]);
+        let of = |member: usize| options.of(member, joint.leaves_of(index)[member]);
+        let chosen = || digits.into_iter().enumerate().map(|(member, digit)| of(member)[digit]);
         let mut plots: Vec<u32> = chosen().filter_map(|choice| choice.plot).collect();
         let count = plots.len();
         plots.sort_unstable();
         plots.dedup();
-        (plots.len() == count).then(|| cost + chosen().map(|choice| choice.cost).sum::<f64>())
+        let sum: f64 = chosen().map(|choice| choice.cost).sum();
+        (plots.len() == count).then(|| joint.costs[index] + sum)
     }
 
     /// Every combination, one after the other.
-    fn all(costs: &[f64], options: &[Vec<Vec<Choice>>]) -> Vec<f64> {
-        let of = |index: usize| {
-            (0..256).filter_map(move |code| cost_of(costs[index], &options[index], code))
-        };
-        let mut sums: Vec<f64> = (0..costs.len()).flat_map(of).collect();
+    fn all(joint: &Hypotheses, options: &Options) -> Vec<f64> {
+        let codes = (0..3).flat_map(|index| (0..256).map(move |code| (index, code)));
+        let mut sums: Vec<f64> = codes.filter_map(|code| cost_of(joint, options, code)).collect();
         sums.sort_by(f64::total_cmp);
         sums
     }
@@ -204,29 +253,23 @@ mod tests {
     #[test]
     fn the_best_ways_are_those_of_trying_all() {
         for seed in 0..50 {
-            let (costs, options) = random(seed);
-            let limits = Limits { count: 20, margin: 5.0, visits: 100_000 };
-            let ways =
-                best_ways(&costs, 4, limits, |hypothesis, member| &options[hypothesis][member]);
-            let mut expected = all(&costs, &options);
-            expected.retain(|cost| *cost <= expected_best(&costs, &options) + 5.0);
+            let (joint, mut search) = random(seed);
+            search.run(&joint, &Limits { count: 20, margin: 5.0, visits: 100_000 });
+            let mut expected = all(&joint, &search.options);
+            let best = expected[0];
+            expected.retain(|cost| *cost <= best + 5.0);
             expected.truncate(20);
-            assert_eq!(ways.ways.len(), expected.len());
-            for (way, cost) in ways.ways.iter().zip(expected) {
+            assert_eq!(search.found.ways.len(), expected.len());
+            for (way, cost) in search.found.ways.iter().zip(expected) {
                 assert!((way.cost - cost).abs() < TOLERANCE);
             }
         }
     }
 
-    fn expected_best(costs: &[f64], options: &[Vec<Vec<Choice>>]) -> f64 {
-        all(costs, options)[0]
-    }
-
     #[test]
     fn some_way_is_found_with_little_work() {
-        let (costs, options) = random(3);
-        let limits = Limits { count: 20, margin: 5.0, visits: 1 };
-        let ways = best_ways(&costs, 4, limits, |hypothesis, member| &options[hypothesis][member]);
-        assert!(!ways.ways.is_empty());
+        let (joint, mut search) = random(3);
+        search.run(&joint, &Limits { count: 20, margin: 5.0, visits: 1 });
+        assert!(!search.found.ways.is_empty());
     }
 }

@@ -31,6 +31,7 @@ use super::{Look, LookError, Settled, Track, Tracker};
 
 pub use config::{ConfigError, DefaultConfig, Way};
 
+use expand::Search;
 use hypotheses::Hypotheses;
 use target::{Ended, Target};
 use work::Work;
@@ -50,6 +51,9 @@ pub struct DefaultTracker {
     next_id: u64,
     now_s: Option<f64>,
     work: Work,
+    search: Search,
+    /// Branches of a target while it gets new ones: which one each comes of, and its choice.
+    made: Vec<(u16, u32)>,
     /// Members of each group, while a look is at work.
     sizes: Vec<u32>,
 }
@@ -71,6 +75,8 @@ impl DefaultTracker {
             next_id: 1,
             now_s: None,
             work: Work::default(),
+            search: Search::default(),
+            made: Vec::new(),
             sizes: Vec::new(),
         })
     }
