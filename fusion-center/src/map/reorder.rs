@@ -160,7 +160,7 @@ impl<T> Reorder<T> {
             Some(one) if is_leap && (one.0 - time_s).abs() <= LEAP_S => (Some(one), None),
             other => (None, other),
         };
-        self.refuted_s = refuted.map(|(time_s, ..)| time_s).or(self.refuted_s);
+        self.refuted_s = refuted.map(|(refuted_s, ..)| refuted_s).or(self.refuted_s);
         if is_leap && agreed.is_none() {
             sensor.held = Some((time_s, origin, waiting));
             return Offer::Held;

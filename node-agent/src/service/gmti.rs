@@ -151,8 +151,8 @@ impl Gmti {
         let (mut senders, mut heard) = Senders::new();
         loop {
             let accepted = tokio::select! {
-                Some(heard) = heard.recv() => {
-                    match heard {
+                Some(said) = heard.recv() => {
+                    match said {
                         Ok(mut found) => self.take(address, &mut found),
                         Err(failure) => self.damaged(address, "read", &failure.to_string()),
                     }

@@ -107,13 +107,10 @@ impl RowLines {
             (LineKind::Csv, Some(columns)) => match csv_row(text, columns) {
                 Ok(row) => self.group.take(&row),
                 // Files joined end to end, and senders that connect again, name their columns again.
-                Err(fault) => match header(text) {
-                    Ok(columns) => {
-                        self.header = Some(columns);
-                        Ok(None)
-                    }
-                    Err(_) => Err(fault),
-                },
+                Err(fault) => {
+                    self.header = Some(header(text).map_err(|_ignored| fault)?);
+                    Ok(None)
+                }
             },
         }
     }

@@ -208,9 +208,7 @@ impl<'a> Run<'a> {
             match self.follower.take(scan) {
                 Ok(left_out) => {
                     self.summary.count(scan);
-                    if 0 < left_out {
-                        self.damaged("unplaced", &unplaced(left_out, scan.time_s()));
-                    }
+                    self.note_unplaced(left_out, scan.time_s());
                 }
                 Err(refusal) => self.damaged("refused", &refusal.to_string()),
             }
@@ -242,6 +240,13 @@ impl<'a> Run<'a> {
             self.is_read = process::print_on(&text)?;
         }
         Ok(())
+    }
+
+    /// Tells of plots that a dwell could not be followed with.
+    fn note_unplaced(&mut self, count: usize, time_s: f64) {
+        if 0 < count {
+            self.damaged("unplaced", &unplaced(count, time_s));
+        }
     }
 
     /// Tells of steps that are printed but not in the files.
