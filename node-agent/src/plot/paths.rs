@@ -47,19 +47,30 @@ impl PathsFigure {
         lines.flat_map(|line| line.places_m.iter().copied())
     }
 
-    /// Everything inside; a square metre where there is nothing.
+    /// Everything inside, and as wide as the least picture is; a square metre where there is nothing.
     fn ranges_m(&self) -> [Range<f64>; 2] {
-        around(self.places_m()).map(|range| range.start - BORDER_M..range.end + BORDER_M)
+        let [x, y] =
+            around(self.places_m()).map(|range| range.start - BORDER_M..range.end + BORDER_M);
+        let least_m = f64::from(MIN_WIDTH - AROUND.0) / pixels_per_m(&x, &y);
+        let more_m = 0.5 * (least_m - (x.end - x.start)).max(0.0);
+        [x.start - more_m..x.end + more_m, y]
     }
+}
+
+/// The scale of both axes.
+fn pixels_per_m(x_m: &Range<f64>, y_m: &Range<f64>) -> f64 {
+    let longest_m = (x_m.end - x_m.start).max(y_m.end - y_m.start);
+    PIXELS_PER_M.min(MAX_PIXELS / longest_m)
 }
 
 impl Sheet for PathsFigure {
     /// So that both axes have one scale.
     fn size(&self) -> Fallible<(u32, u32)> {
-        let [width_m, height_m] = self.ranges_m().map(|range| range.end - range.start);
-        let scale = PIXELS_PER_M.min(MAX_PIXELS / width_m.max(height_m));
-        let pixels = |side_m: f64, more: u32| super::to_u32((side_m * scale).round()) + more;
-        Ok((pixels(width_m, AROUND.0).max(MIN_WIDTH), pixels(height_m, AROUND.1)))
+        let [x, y] = self.ranges_m();
+        let scale = pixels_per_m(&x, &y);
+        let pixels =
+            |range: &Range<f64>| super::to_u32(((range.end - range.start) * scale).round());
+        Ok((pixels(&x) + AROUND.0, pixels(&y) + AROUND.1))
     }
 
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
@@ -117,16 +128,19 @@ mod tests {
         for text in ["n1: ways", "true", ">\n7\n", ">\n12\n", "x in m"] {
             assert!(svg.contains(text), "{text}: {svg}");
         }
-        // 3.1 m by 9 m at 60 pixels each.
-        assert!(svg.contains("width=\"360\" height=\"640\""), "{}", &svg[..200]);
+        // The least width, and 9 m at 60 pixels each with what stands around.
+        assert!(svg.contains("width=\"360\" height=\"628\""), "{}", &svg[..200]);
         let polylines = svg.matches("<polyline").count();
         assert!(2 <= polylines, "{polylines}");
         // The same in pixels: of that size, and neither blank nor grey alone.
+        let [x, y] = figure.ranges_m();
+        let scales = [280.0 / (x.end - x.start), 540.0 / (y.end - y.start)];
+        assert!(scales.iter().all(|scale| (scale - 60.0).abs() < 1e-9), "{scales:?}");
         let png = figure.png().unwrap();
         let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
         let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
         let shape = reader.next_frame(&mut rgb).unwrap();
-        assert_eq!((shape.width, shape.height), (360, 640));
+        assert_eq!((shape.width, shape.height), (360, 628));
         let RGBColor(r, g, b) = color(0);
         let colored = rgb.chunks(3).filter(|pixel| *pixel == [r, g, b]).count();
         assert!(300 < colored, "{colored}");
