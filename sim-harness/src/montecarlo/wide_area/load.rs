@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::case::Case;
 use super::entrants::{Entrant, Rules};
-use super::trial::{Tally, play};
+use super::trial::{Tally, follow, play};
 use crate::resources::Sampler;
 
 /// Scans at the beginning, in which there are no tracks yet: their time does not count.
@@ -34,8 +34,10 @@ pub(crate) struct LoadResult {
     pub(super) target_count: usize,
     /// Plots of a scan.
     pub(super) plot_count: f64,
-    /// Processor time of scans. Differs from run to run.
+    /// Processor time of scans that are followed for the present alone. Differs from run to run.
     pub(super) scan_ms: ScanTimes,
+    /// Processor time that smoothing the past takes beside that, for a scan on average.
+    pub(super) smoothing_ms: f64,
     pub(super) right_links: Option<f64>,
     pub(super) identity: Option<f64>,
     pub(super) purity: Option<f64>,
@@ -101,8 +103,8 @@ pub(super) fn run(
 ) -> anyhow::Result<LoadResult> {
     let mut sampler = Sampler::new()?;
     let this = [("harness", std::process::id())];
-    let (mut tally, mut took, mut plot_count, mut scan_count) =
-        (Tally::default(), Vec::new(), 0, 0);
+    let (mut tally, mut took, mut smoothing) = (Tally::default(), Vec::new(), Duration::ZERO);
+    let (mut plot_count, mut scan_count) = (0, 0);
     for (index, seed) in seeds.iter().enumerate() {
         ensure!(!stop.is_cancelled(), "stopped before the end");
         let case = Case::new(&spread.config(target_count, *seed))?;
@@ -111,21 +113,25 @@ pub(super) fn run(
         if index == 0 {
             sampler.sample(this.into_iter());
         }
+        let looks = follow(&case, mode.tracker(Rules::Own)?.as_mut())?;
+        took.extend(looks.into_iter().skip(FIRST_SCAN_COUNT));
         let outcome = play(&case, mode.tracker(Rules::Own)?.as_mut(), None)?;
         tally = tally + outcome.tally;
-        took.extend(outcome.took.into_iter().skip(FIRST_SCAN_COUNT));
+        smoothing += outcome.settling;
         if index == 0 {
             sampler.sample(this.into_iter());
         }
         tracing::info!(mode = mode.name(), spread = spread.name(), target_count, index, "followed");
     }
+    let scans = f64::from(u32::try_from(scan_count)?.max(1));
     let usage = sampler.finish().remove("harness").context("reading the memory of this process")?;
     Ok(LoadResult {
         mode,
         spread,
         target_count,
-        plot_count: plot_count as f64 / f64::from(u32::try_from(scan_count)?.max(1)),
+        plot_count: plot_count as f64 / scans,
         scan_ms: ScanTimes::new(&took),
+        smoothing_ms: smoothing.as_secs_f64() * 1e3 / scans,
         right_links: tally.links.right_link_rate(),
         identity: tally.links.identity_rate(),
         purity: tally.links.purity(),

@@ -159,6 +159,7 @@ impl Report {
             "ms per scan",
             "median",
             "longest",
+            "smoothing ms",
             "right links %",
             "identity %",
             "purity %",
@@ -177,6 +178,7 @@ impl Report {
                 format!("{mean:.3}"),
                 format!("{median:.3}"),
                 format!("{longest:.3}"),
+                format!("{:.3}", one.smoothing_ms),
                 percent(one.right_links),
                 percent(one.identity),
                 percent(one.purity),
@@ -197,7 +199,7 @@ impl Report {
              {allowance_s} s on; GOSPA: p 2, alpha 2, c {gospa_cutoff_m} m\n"
         );
         if !self.loads.is_empty() {
-            notes += "times are of the processor, on one thread, without the first five scans; more MiB: \
+            notes += "times are of the processor, on one thread, for the present alone (nothing of the past is kept or smoothed), without the first five scans; more MiB: \
                       than before the load, without what earlier loads had used already\n";
         }
         notes + &self.bars().iter().map(Bar::line).collect::<String>()

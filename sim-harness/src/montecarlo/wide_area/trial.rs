@@ -122,6 +122,8 @@ pub(super) struct Outcome {
     pub(super) ways: Vec<TrackWay>,
     /// Processor time of each look.
     pub(super) took: Vec<Duration>,
+    /// The same of taking what was settled, over all looks.
+    pub(super) settling: Duration,
 }
 
 /// Lets a tracker see a flight. `settings` of the score of what it reports at once; none where that
@@ -136,11 +138,14 @@ pub(super) fn play(
 ) -> anyhow::Result<Outcome> {
     let mut scorer = settings.map(Scorer::new).transpose()?;
     let (mut settled, mut took) = (Vec::new(), Vec::with_capacity(case.looks.len()));
+    let mut settling = Duration::ZERO;
     for look in &case.looks {
         let started = thread_time();
         tracker.look(&look.look())?;
-        took.push(thread_time().saturating_sub(started));
+        let looked = thread_time();
+        took.push(looked.saturating_sub(started));
         tracker.take_settled(&mut settled);
+        settling += thread_time().saturating_sub(looked);
         if let Some(scorer) = &mut scorer {
             scorer.add(look.time_s, &case.truths(look.time_s), &estimates(tracker.tracks()));
         }
@@ -150,7 +155,23 @@ pub(super) fn play(
     let confirmed = of_confirmed(&settled);
     let score = scorer.map_or_else(Score::default, |scorer| scorer.score());
     let tally = Tally { score, ..tally(case, &confirmed) };
-    Ok(Outcome { tally, ways: ways(case, &confirmed), took })
+    Ok(Outcome { tally, ways: ways(case, &confirmed), took, settling })
+}
+
+/// Lets a tracker see a flight for the sake of the present alone, as the map does; processor time of
+/// each look.
+///
+/// # Errors
+/// If the tracker refuses a look, which no sound one does.
+pub(super) fn follow(case: &Case, tracker: &mut dyn Tracker) -> anyhow::Result<Vec<Duration>> {
+    let mut took = Vec::with_capacity(case.looks.len());
+    for look in &case.looks {
+        let started = thread_time();
+        tracker.look(&look.look())?;
+        tracker.forget_settled();
+        took.push(thread_time().saturating_sub(started));
+    }
+    Ok(took)
 }
 
 /// Everything that is believed to be there.
