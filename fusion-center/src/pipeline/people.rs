@@ -179,6 +179,7 @@ impl People {
             }
             return;
         }
+        tracker.forget_settled();
         self.newest = Some(set.time);
         self.note_givers(sensor_index, set.sequence, time_s);
     }
