@@ -25,19 +25,36 @@ pub(crate) fn check_writable(name: &str, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// Replaces the file: written beside it, forced to the disk, renamed over it. What is no file, such as a
-/// pipe, is written to.
+/// Replaces the file so that a loss of power leaves the old or the new one: written beside it, forced to
+/// the disk, renamed over it. What is no file, such as a pipe, is written to.
 ///
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    put(path, bytes, File::sync_all)
+}
+
+/// Replaces the file so that no reader sees it half written. A disk that is busy delays nobody: what is
+/// written every few seconds may be lost with the power.
+///
+/// # Errors
+/// If it cannot be written.
+pub(crate) fn show(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    put(path, bytes, |_| Ok(()))
+}
+
+fn put(
+    path: &Path,
+    bytes: &[u8],
+    settle: impl FnOnce(&File) -> std::io::Result<()>,
+) -> std::io::Result<()> {
     if is_special(path) {
         return std::fs::write(path, bytes);
     }
     let path = followed(path);
     let beside = beside(&path);
     let mut file = File::create(&beside)?;
-    let written = file.write_all(bytes).and_then(|()| file.sync_all());
+    let written = file.write_all(bytes).and_then(|()| settle(&file));
     let replaced = written.and_then(|()| std::fs::rename(&beside, &path));
     if replaced.is_err() {
         // What is half written is of no use; that it could not be written is told all the same.
@@ -74,8 +91,11 @@ mod tests {
         let link = folder.path().join("link.kml");
         std::os::unix::fs::symlink(&path, &link).unwrap();
         for (to, text) in [(&path, "a longer first text"), (&link, "second")] {
-            write(to, text.as_bytes()).unwrap();
-            assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+            for put in [write, show] {
+                put(to, text.as_bytes()).unwrap();
+                assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+                std::fs::write(&path, "other").unwrap();
+            }
         }
         assert!(link.is_symlink());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is left");

@@ -153,7 +153,7 @@ impl Outputs {
         let files = self.messages.files(shown)?;
         let written = tokio::task::spawn_blocking(move || {
             let write = |(path, text): &(PathBuf, String)| {
-                let done = replace::write(path, text.as_bytes());
+                let done = replace::show(path, text.as_bytes());
                 done.with_context(|| format!("writing {}", path.display())).err()
             };
             files.iter().filter_map(write).next_back()

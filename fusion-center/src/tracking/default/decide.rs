@@ -319,8 +319,8 @@ pub(super) fn show_best(targets: &mut [Target], joint: &Hypotheses) {
         let target = &mut targets[*member as usize];
         target.best = *leaf;
         target.leaves.iter_mut().for_each(|branch| branch.last_share = 0.0);
-        for (leaf, share) in joint.leaves.iter().skip(place).step_by(width).zip(&shares) {
-            target.leaves[usize::from(*leaf)].last_share += share;
+        for (named, share) in joint.leaves.iter().skip(place).step_by(width).zip(&shares) {
+            target.leaves[usize::from(*named)].last_share += share;
         }
         share_among_alike(&mut target.leaves);
     }
@@ -328,15 +328,12 @@ pub(super) fn show_best(targets: &mut [Target], joint: &Hypotheses) {
 
 /// Branches with the same newest report have the sum of their shares.
 fn share_among_alike(branches: &mut [Branch]) {
-    for first in 0..branches.len() {
-        let report = branches[first].last_report;
-        let is_first = branches[..first].iter().all(|branch| branch.last_report != report);
-        if !is_first {
-            continue;
-        }
-        let alike = branches[first..].iter().filter(|branch| branch.last_report == report);
-        let sum = alike.map(|branch| branch.last_share).sum();
-        let alike = branches[first..].iter_mut().filter(|branch| branch.last_report == report);
-        alike.for_each(|branch| branch.last_share = sum);
+    let sum = |one: &Branch| {
+        let alike = branches.iter().filter(|other| other.last_report == one.last_report);
+        alike.map(|other| other.last_share).sum()
+    };
+    let sums: Vec<f64> = branches.iter().map(sum).collect();
+    for (branch, share) in branches.iter_mut().zip(sums) {
+        branch.last_share = share;
     }
 }

@@ -207,19 +207,15 @@ mod tests {
         let leaves = (0..12).map(|at| at / 4).collect();
         let mut search = Search::default();
         search.options.clear();
-        for _ in 0..4 {
-            search.options.begin_member();
-            for _ in 0..3 {
-                for plot in 0..4 {
-                    let cost = rng.random_range(-4.0..4.0);
-                    search.options.push(Choice {
-                        cost,
-                        plot: (plot < 3).then_some(plot),
-                        tag: plot,
-                    });
-                }
-                search.options.end_branch();
+        for branch in 0..12 {
+            if branch % 3 == 0 {
+                search.options.begin_member();
             }
+            for plot in 0..4 {
+                let cost = rng.random_range(-4.0..4.0);
+                search.options.push(Choice { cost, plot: (plot < 3).then_some(plot), tag: plot });
+            }
+            search.options.end_branch();
         }
         (Hypotheses { members: vec![0, 1, 2, 3], costs, leaves }, search)
     }

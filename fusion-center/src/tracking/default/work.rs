@@ -169,8 +169,8 @@ impl Work {
             }
             row.first_edge = short(self.edges.len());
             let edges = &mut self.edges;
-            let asked = self.grid.for_each_within(reach.middle_m, reach.radius_m, |index, _| {
-                edges.extend(row.edge(branch, (short(index), &view.look.plots[index]), config));
+            let asked = self.grid.for_each_within(reach.middle_m, reach.radius_m, |plot, _| {
+                edges.extend(row.edge(branch, (short(plot), &view.look.plots[plot]), config));
             });
             row.end_edge = if asked.is_ok() { short(self.edges.len()) } else { row.first_edge };
             self.rows.push(row);
