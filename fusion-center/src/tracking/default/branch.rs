@@ -167,20 +167,19 @@ impl Branch {
         edge: &Edge,
         look: &Look<'_>,
         config: &DefaultConfig,
-    ) -> Moment {
+    ) -> Origin {
         let plot = &look.plots[edge.plot as usize];
-        let moved_on = self.stand.filter(|_| edge.moved_on);
+        let moved_on = self.stand.as_ref().filter(|_| edge.moved_on);
         let fresh = moved_on.is_some() || self.status == Status::Stopped;
-        let share = config.steady_share();
-        let share_with_plot;
-        (self.imm, share_with_plot) = match moved_on {
-            Some(stand) => {
-                let start = stand.start_at(plot, look.time_s - self.time_s, config);
-                (Imm::new(start.state, share), share)
-            }
-            None => (row.expected, edge.first_share),
-        };
-        self.imm.update(plot, share_with_plot);
+        let mut first_share = edge.first_share;
+        if let Some(stand) = moved_on {
+            first_share = config.steady_share();
+            let start = stand.start_at(plot, look.time_s - self.time_s, config);
+            self.imm = Imm::new(start.state, first_share);
+        } else {
+            self.imm = row.expected;
+        }
+        self.imm.update(plot, first_share);
         self.time_s = look.time_s;
         self.seen_s = look.time_s;
         self.strength.take(plot.strength_db, config);
@@ -193,12 +192,12 @@ impl Branch {
         self.last_share = 1.0;
         self.stand = None;
         self.confirm(config);
-        self.moment(Some(self.last_report), if fresh { Origin::Anew } else { Origin::Before })
+        if fresh { Origin::Anew } else { Origin::Before }
     }
 
     /// Goes on without a plot.
     #[inline]
-    pub(super) fn miss(&mut self, row: &Row, look: &Look<'_>, config: &DefaultConfig) -> Moment {
+    pub(super) fn miss(&mut self, row: &Row, look: &Look<'_>, config: &DefaultConfig) -> Origin {
         let was_stopped = self.status == Status::Stopped;
         self.may_stop(row, look, config);
         self.imm = row.expected;
@@ -217,7 +216,7 @@ impl Branch {
         } else if was_stopped {
             self.status = Status::Coasting;
         }
-        self.moment(None, if was_stopped { Origin::Anew } else { Origin::Before })
+        if was_stopped { Origin::Anew } else { Origin::Before }
     }
 
     fn may_stop(&mut self, row: &Row, look: &Look<'_>, config: &DefaultConfig) {

@@ -4,10 +4,10 @@
 //! stands. Targets for which it is not form groups by the plots that they contest; a group's joint
 //! hypotheses are followed until all agree or the lag has passed.
 
-use crate::tracking::{Look, Status};
+use crate::tracking::{Look, ReportId, Status};
 
 use super::DefaultTracker;
-use super::branch::Branch;
+use super::branch::{Branch, Origin};
 use super::config::DefaultConfig;
 use super::expand::{Choice, Limits, Search, Way, Ways};
 use super::hypotheses::Hypotheses;
@@ -25,17 +25,20 @@ const TAKEN_SHARE: f64 = 0.1;
 /// Partial ways looked at for a group: what a cluster of ten with three options each needs at most.
 const MAX_VISITS: usize = 60_000;
 
-/// Applies the choice with `tag` to a branch.
+/// Applies the choice with `tag` to a branch: what it took, and where its state comes from.
 fn apply(
     branch: &mut Branch,
     (row, tag): (&Row, u32),
     work: &Work,
     look: &Look<'_>,
     config: &DefaultConfig,
-) -> super::branch::Moment {
+) -> (Option<ReportId>, Origin) {
     match work.edges.get(tag as usize) {
-        Some(edge) => branch.take(row, edge, look, config),
-        None => branch.miss(row, look, config),
+        Some(edge) => {
+            let origin = branch.take(row, edge, look, config);
+            (Some(branch.last_report), origin)
+        }
+        None => (None, branch.miss(row, look, config)),
     }
 }
 
@@ -103,8 +106,9 @@ impl DefaultTracker {
         let at = edges.iter().position(|edge| edge.plot == touched.own);
         let tag = at.map_or(MISS, |at| row.first_edge + short(at));
         let target = &mut self.targets[touched.target as usize];
-        let moment = apply(&mut target.leaves[0], (row, tag), &self.work, look, &self.config);
-        target.trunk.push_back(moment);
+        let leaf = &mut target.leaves[0];
+        let (report, origin) = apply(leaf, (row, tag), &self.work, look, &self.config);
+        target.trunk.push_back(leaf.moment(report, origin));
         if touched.own != NONE {
             self.work.used[touched.own as usize] = true;
         }
@@ -156,8 +160,9 @@ impl DefaultTracker {
             let Some(touched) = self.work.touched.get(place as usize) else { continue };
             let row = &self.work.rows[touched.first_row as usize];
             let target = &mut self.targets[*member as usize];
-            let moment = apply(&mut target.leaves[0], (row, *tag), &self.work, look, &self.config);
-            target.trunk.push_back(moment);
+            let leaf = &mut target.leaves[0];
+            let (report, origin) = apply(leaf, (row, *tag), &self.work, look, &self.config);
+            target.trunk.push_back(leaf.moment(report, origin));
             if let Some(edge) = self.work.edges.get(*tag as usize) {
                 self.work.used[edge.plot as usize] = true;
             }
@@ -235,7 +240,8 @@ impl DefaultTracker {
         target.open.begin(made.len());
         for (leaf, (from, tag)) in target.leaves.iter_mut().zip(made) {
             let row = &self.work.rows[touched.first_row as usize + usize::from(*from)];
-            let moment = apply(leaf, (row, *tag), &self.work, look, &self.config);
+            let (report, origin) = apply(leaf, (row, *tag), &self.work, look, &self.config);
+            let moment = leaf.moment(report, origin);
             (leaf.tip, leaf.root) = target.open.push(moment, (leaf.tip, leaf.root));
         }
     }

@@ -107,9 +107,7 @@ impl Tracker for DefaultTracker {
 
     fn forget_settled(&mut self) {
         self.ended.clear();
-        for target in &mut self.targets {
-            target.forget(target.trunk.len().saturating_sub(1));
-        }
+        self.targets.iter_mut().for_each(Target::forget_all);
     }
 
     fn finish(&mut self) {

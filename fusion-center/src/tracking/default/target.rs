@@ -149,7 +149,7 @@ impl Target {
     /// for one. The first time it differs from target to target, lest all be due at the same look.
     fn batch(&self, config: &DefaultConfig) -> usize {
         let all = config.smoothing_looks.max(1);
-        if self.passes.is_empty() { 1 + short(self.id, all) } else { all }
+        if self.passes.is_empty() { 1 + remainder(self.id, all) } else { all }
     }
 
     /// The smoothed state of the newest moment that is decided.
@@ -173,6 +173,12 @@ impl Target {
         self.passes.drain(..count.min(self.passes.len()));
     }
 
+    /// Forgets all that is decided.
+    pub(super) fn forget_all(&mut self) {
+        self.trunk.clear();
+        self.passes.clear();
+    }
+
     /// All that is remembered of it, decided for the best branch.
     pub(super) fn into_moments(mut self) -> (u64, Vec<Moment>) {
         self.collapse();
@@ -181,7 +187,7 @@ impl Target {
 }
 
 /// `id` modulo `count`.
-fn short(id: u64, count: usize) -> usize {
+fn remainder(id: u64, count: usize) -> usize {
     usize::try_from(id % count as u64).unwrap_or(0)
 }
 

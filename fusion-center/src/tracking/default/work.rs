@@ -106,7 +106,7 @@ fn may_be_seen(target: &Target, view: &View<'_>, config: &DefaultConfig) -> bool
         })
 }
 
-/// A standard deviation that the place has after `dt_s` in no direction.
+/// More than the standard deviation of the place after `dt_s` in any direction.
 fn spread_m(leaf: &Branch, dt_s: f64, config: &DefaultConfig) -> f64 {
     let state = leaf.imm.merged();
     let push_m2 = config.lively.push_m2_per_s3 * dt_s.powi(3) / 3.0;
