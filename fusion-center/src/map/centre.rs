@@ -28,6 +28,11 @@ use crate::wide::MAX_REACH_M;
 /// of a wrong place, heard first, would keep all others out for ever.
 const QUIET_REGION_S: f64 = 300.0;
 
+/// The map begins anew, at the times that come, when for so long nothing came but what was late, ...
+const LATE_FOR: Duration = Duration::from_secs(60);
+/// ... at least so often: clocks are set back, and recordings are played again.
+const MIN_LATE_COUNT: u32 = 10;
+
 /// What happens.
 #[derive(Debug)]
 pub enum MapEvent {
@@ -68,6 +73,8 @@ pub struct MapCentre {
     counts: MapCounts,
     pasts: BTreeMap<u64, Past>,
     newest_unix_s: Option<f64>,
+    /// Since when nothing came but what was late, and how often.
+    late: Option<(CentreTime, u32)>,
     is_simulated: bool,
     sequence: u64,
     published: Option<CentreTime>,
@@ -93,6 +100,7 @@ impl MapCentre {
             counts: MapCounts::default(),
             pasts: BTreeMap::new(),
             newest_unix_s: None,
+            late: None,
             is_simulated: true,
             sequence: 0,
             published: None,
@@ -167,7 +175,8 @@ impl MapCentre {
             self.refusals.count(&key, "leap", &leapt(refuted_s, time_unix_s));
         }
         match offered {
-            Offer::Kept | Offer::Held => {}
+            Offer::Kept => self.late = None,
+            Offer::Held => {}
             Offer::Duplicate => self.counts.duplicate_count += 1,
             Offer::Late => {
                 self.counts.late_count += 1;
@@ -175,10 +184,13 @@ impl MapCentre {
                 let key = self.keys.key(&Topic::Dwells(node.clone()));
                 let reason = format!(
                     "it is {:.1} s older than what was followed already: wide.max_wait_s is too \
-                     short, or a recording is played again, for which the centre must start again",
-                    newest_s - time_unix_s
+                     short, or a clock was set back or a recording is played again; if nothing newer \
+                     comes for {} s, the map begins anew",
+                    newest_s - time_unix_s,
+                    LATE_FOR.as_secs()
                 );
                 self.refusals.count(&key, "late", &reason);
+                self.note_late(arrived);
             }
             Offer::Crowded => {
                 let most = self.config.max_sensor_count;
@@ -189,6 +201,27 @@ impl MapCentre {
             }
         }
         Ok(())
+    }
+
+    /// Begins anew when nothing but late dwells has come for long.
+    fn note_late(&mut self, arrived: CentreTime) {
+        let (since, count) = self.late.get_or_insert((arrived, 0));
+        *count += 1;
+        if arrived.since(*since) < LATE_FOR || *count < MIN_LATE_COUNT {
+            return;
+        }
+        info!("all that comes is older than what was followed: the map begins anew");
+        let rest = self.order.finish();
+        self.follow(rest);
+        self.order = Reorder::new(self.config.patience());
+        self.begin_anew();
+    }
+
+    /// The next dwell says where and when the map is. Ids go on.
+    fn begin_anew(&mut self) {
+        self.follower.begin_anew();
+        self.pasts.clear();
+        (self.newest_unix_s, self.late) = (None, None);
     }
 
     fn follow(&mut self, dwells: Vec<Dwell>) {
@@ -227,8 +260,7 @@ impl MapCentre {
         match taken {
             Err(FollowError::Elsewhere { off_m }) if is_quiet => {
                 info!(off_m, "another region: the map begins anew");
-                self.follower.begin_anew();
-                self.pasts.clear();
+                self.begin_anew();
                 self.follower.take(scan)
             }
             _ => taken,

@@ -128,12 +128,13 @@ impl Follower {
         Ok(scan.plot_count() - look.plots.len())
     }
 
-    /// Ends all tracks; the next scan says where the map lies. What was settled and not taken is
-    /// forgotten, since its plane is. Ids go on.
+    /// Ends all tracks; the next scan says where the map lies, and may be older than those before. What
+    /// was settled and not taken is forgotten, since its plane is. Ids go on.
     pub fn begin_anew(&mut self) {
         self.tracker.finish();
         self.tracker.forget_settled();
         self.ground = None;
+        self.sensors.iter_mut().for_each(|sensor| sensor.sign = SignWatch::default());
     }
 
     /// What is wrong with sensors whose targets go against their radial velocities.

@@ -242,6 +242,6 @@ pub trait Tracker: Send {
         self.take_settled(&mut Vec::new());
     }
 
-    /// Settles everything: no look follows.
+    /// Settles everything and follows nobody any more. A look that follows may be of any time.
     fn finish(&mut self);
 }

@@ -5,6 +5,7 @@ use tokio::time::Instant;
 
 use super::*;
 use crate::map::{Messages, OutputConfig};
+use crate::tracking::{TrackerKind, TrackingConfig};
 
 const SITE: &str = "lab";
 
@@ -198,6 +199,31 @@ fn a_single_wrong_date_costs_one_dwell() {
     assert_eq!((last.counts.dwell_count, last.counts.late_count), (9, 0));
     assert_eq!((last.counts.refused_count, centre.refusals.total("leap")), (1, 1));
     assert_eq!(last.tracks.len(), 1);
+}
+
+/// A clock that is set back by a day: late for a minute, then the map is that of the new times.
+#[test]
+fn a_clock_that_is_set_back_stops_the_map_for_a_minute_only() {
+    for kind in [TrackerKind::Default, TrackerKind::Paper] {
+        let tracking = TrackingConfig { kind, ..TrackingConfig::default() };
+        let mut centre = centre(MapConfig { tracking, ..MapConfig::default() });
+        let mut told = Vec::new();
+        for scan in 0..40_u64 {
+            let time_s = 4.0 * scan as f64;
+            let mut one = dwell("a", time_s);
+            one.time_unix_s -= if scan < 10 { 0.0 } else { 86_400.0 };
+            told.extend(send(&mut centre, time_s, &one, scan));
+        }
+        told.extend(centre.finish(at(200.0)));
+        let maps = published(&told);
+        let first = maps.iter().rev().find(|map| map.time_unix_s > 1.7e9 - 1000.0).unwrap();
+        let last = maps.last().unwrap();
+        assert_eq!((first.tracks.len(), last.tracks.len()), (1, 1), "{kind:?}");
+        assert!(last.time_unix_s < 1.7e9 - 86_000.0, "{kind:?}");
+        assert!(first.tracks[0].id < last.tracks[0].id, "{kind:?}: ids are never given again");
+        // Ten before, sixteen within the minute, and what followed.
+        assert_eq!((last.counts.late_count, last.counts.dwell_count), (16, 24), "{kind:?}");
+    }
 }
 
 #[test]

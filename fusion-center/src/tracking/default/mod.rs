@@ -116,5 +116,6 @@ impl Tracker for DefaultTracker {
             self.ended.push(target, self.config.max_step_count);
         }
         self.shown.clear();
+        self.now_s = None;
     }
 }

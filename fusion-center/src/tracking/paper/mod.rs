@@ -193,5 +193,6 @@ impl Tracker for PaperTracker {
             track.settle_all(&self.config, &mut self.settled);
         }
         self.followed.clear();
+        self.newest_s = None;
     }
 }
