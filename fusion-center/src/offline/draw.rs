@@ -1,7 +1,8 @@
 //! The map of a registration: points and nodes in one frame, as SVG \[registration, figure 5\].
 
 use chart::{
-    Axes, Chart, Drawn, Fallible, Sheet, around, legend, quiet_corner, square_size, squared, way,
+    Axes, Chart, Drawn, Fallible, Sheet, around, legend, quiet_corner, square_size, squared,
+    stroke, way,
 };
 use plotters::coord::Shift;
 use plotters::drawing::DrawingArea;
@@ -84,10 +85,12 @@ fn draw_layer<B: DrawingBackend>(chart: &mut Chart<'_, B>, radius: i32, layer: &
     let is_first = radius == FIRST_RADIUS;
     let style: ShapeStyle = if is_first { color.filled() } else { color.stroke_width(1) };
     let dots = layer.points_m.iter().map(|[x, y]| Circle::new((*x, *y), radius, style));
-    chart
-        .draw_series(dots)?
-        .label(layer.label.clone())
-        .legend(move |(x, y)| Circle::new((x + 8, y), 4, style));
+    let series = chart.draw_series(dots)?.label(layer.label.clone());
+    if layer.points_m.is_empty() && !layer.ways.is_empty() {
+        series.legend(move |at| stroke(at, color.stroke_width(1)));
+    } else {
+        series.legend(move |(x, y)| Circle::new((x + 8, y), 4, style));
+    }
     if let Some(pose) = layer.truth {
         let at = pose.translation_m();
         chart.draw_series([Cross::new((at.x, at.y), 7, BLACK.stroke_width(2))])?;
