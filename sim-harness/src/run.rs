@@ -20,16 +20,16 @@ use crate::resources::Sampler;
 use crate::scenario::Scenario;
 
 /// The centre must listen within this time.
-const CENTRE_LIMIT: Duration = Duration::from_secs(15);
+pub(crate) const CENTRE_LIMIT: Duration = Duration::from_secs(15);
 /// From the launch of the agents to the first period, and more for each agent: all must be up.
 const LEAD: Duration = Duration::from_millis(600);
 const LEAD_PER_AGENT: Duration = Duration::from_millis(100);
 /// After the last period, all sets must have been taken within this time.
 const SETTLE_LIMIT: Duration = Duration::from_secs(10);
-/// A centre that has died is started again after this time, as a service manager would.
-const RESTART_DELAY: Duration = Duration::from_millis(500);
-const STEP: Duration = Duration::from_millis(100);
-const SAMPLE_INTERVAL: Duration = Duration::from_secs(1);
+/// What has died is started again after this time, as a service manager would.
+pub(crate) const RESTART_DELAY: Duration = Duration::from_millis(500);
+pub(crate) const STEP: Duration = Duration::from_millis(100);
+pub(crate) const SAMPLE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// How to run.
 pub(crate) struct Options<'a> {

@@ -138,8 +138,8 @@ impl Follower {
     }
 
     /// What is wrong with sensors whose targets go against their radial velocities.
-    #[must_use]
-    pub fn complaints(&self) -> Vec<String> {
+    #[cfg(test)]
+    pub(super) fn complaints(&self) -> Vec<String> {
         let is_reversed = |sensor: &&Sensor| sensor.sign.sign().verdict() == Verdict::Reversed;
         self.sensors.iter().filter(is_reversed).map(|sensor| self.against(sensor)).collect()
     }

@@ -18,19 +18,15 @@ use super::report::{Report, Scored};
 use super::scenario::{WidePlan, WideScenario};
 use crate::launch::{Incident, Processes};
 use crate::resources::Sampler;
-use crate::run::{Options, free_port, unix_now_s};
+use crate::run::{
+    CENTRE_LIMIT, Options, RESTART_DELAY, SAMPLE_INTERVAL, STEP, free_port, unix_now_s,
+};
 
-/// The centre must listen within this time.
-const CENTRE_LIMIT: Duration = Duration::from_secs(15);
 /// From the launch of the agents to the first dwell.
 const LEAD: Duration = Duration::from_millis(1200);
-/// What was killed is started again after this time, as a service manager would.
-const RESTART_DELAY: Duration = Duration::from_millis(500);
 /// The map is complete when it was silent for this long after the last agent has ended: longer than
 /// any dwell waits at the centre.
 const QUIET: Duration = Duration::from_secs(3);
-const STEP: Duration = Duration::from_millis(100);
-const SAMPLE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Runs a scenario to its end and scores the map.
 ///
